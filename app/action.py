@@ -1,4 +1,4 @@
-"""Actions as records: menus, shortcuts, toolbar and shortcut sheet all derive from them."""
+"""Actions as records, from which menus, shortcuts, toolbar, palette and shortcut sheet derive."""
 
 from __future__ import annotations
 
@@ -11,69 +11,69 @@ MenuItem = tuple[str, Callable[[], None]]
 
 @dataclass(frozen=True)
 class Action:
-    """One thing the user can ask for."""
+    """One thing that the user can do."""
 
     id: str
     """Unique and stable, e.g. ``edit.delete``."""
     title: str
     run: Callable[[], object]
     menu: str = ""
-    """The menu it is listed in; empty = none."""
+    """The menu that lists it; empty = none."""
     shortcuts: tuple[str, ...] = ()
-    """E.g. ``Ctrl+Shift+Z``; the first one is shown."""
+    """Keys, e.g. ``Ctrl+Shift+Z``; the first ones are shown."""
     enabled: Callable[[], bool] = lambda: True
     checked: Callable[[], bool] | None = None
-    """For switches: whether it is on."""
+    """For switches: whether they are on."""
     icon: str = ""
     """Name of an icon constant of Font Awesome 6, e.g. ``ICON_FA_TRASH``."""
     separator: bool = False
     """Whether the menu draws a line above it."""
     items: Callable[[], Sequence[MenuItem]] | None = None
-    """For submenus: what they hold, asked for each time they are open; `run` is then not called from the menu."""
+    """For submenus: lists their items in every frame they are open; the menu then does not call `run`."""
     undoable: bool | None = None
-    """True: a step of the history. False: cannot be undone. None: changes nothing but what is shown or asked."""
+    """True: becomes a step of the history. False: cannot be undone. None: changes only what is shown or asked."""
 
 
 def format_shortcut(shortcut: str) -> str:
-    """As it is shown to the user."""
+    """Format keys as the user reads them."""
     return shortcut.replace("LeftArrow", "←").replace("RightArrow", "→").replace("Delete", "Del")
 
 
 class ActionRegistry:
-    """All commands, in menu order."""
+    """All actions, in the order of the menus."""
 
     def __init__(self) -> None:
-        self._commands: dict[str, Action] = {}
+        self._actions: dict[str, Action] = {}
 
-    def add(self, command: Action) -> None:
-        """Register a command. Raises ValueError where ID or shortcut are taken."""
-        if command.id in self._commands:
-            raise ValueError(f"command {command.id!r} is registered twice")
-        for shortcut in command.shortcuts:
+    def add(self, action: Action) -> None:
+        """Register an action. Raises ValueError where its ID or a shortcut is taken."""
+        if action.id in self._actions:
+            raise ValueError(f"action {action.id!r} is registered twice")
+        for shortcut in action.shortcuts:
             owner = next((other.id for other in self if shortcut in other.shortcuts), None)
             if owner:
-                raise ValueError(f"{shortcut} is the shortcut of {owner!r} and of {command.id!r}")
-        self._commands[command.id] = command
+                raise ValueError(f"{shortcut} is the shortcut of {owner!r} and of {action.id!r}")
+        self._actions[action.id] = action
 
     def __iter__(self) -> Iterator[Action]:
-        return iter(self._commands.values())
+        return iter(self._actions.values())
 
-    def __getitem__(self, command_id: str) -> Action:
-        return self._commands[command_id]
+    def __getitem__(self, action_id: str) -> Action:
+        return self._actions[action_id]
 
     @property
     def menus(self) -> tuple[str, ...]:
-        """Menu names in the order of their first command."""
-        return tuple(dict.fromkeys(command.menu for command in self if command.menu))
+        """Menu names in the order of their first actions."""
+        return tuple(dict.fromkeys(action.menu for action in self if action.menu))
 
     def in_menu(self, menu: str) -> tuple[Action, ...]:
-        """The commands of one menu."""
-        return tuple(command for command in self if command.menu == menu)
+        """List the actions of one menu."""
+        return tuple(action for action in self if action.menu == menu)
 
-    def run(self, command_id: str) -> bool:
-        """Run a command if it is enabled; returns whether it ran."""
-        command = self._commands[command_id]
-        if not command.enabled():
+    def run(self, action_id: str) -> bool:
+        """Run an action if it is enabled; returns whether it ran."""
+        action = self._actions[action_id]
+        if not action.enabled():
             return False
-        command.run()
+        action.run()
         return True

@@ -17,12 +17,12 @@ from instdrive_core.scene.pose_transforms import transform_pose
 from instdrive_core.scene.transforms import Similarity, extract_scale
 
 STEEPEST = 0.99
-"""|vertical part| of the viewing direction beyond which no drag tilts."""
+"""Largest |vertical part| of the viewing direction that a drag can tilt to."""
 NEAREST_PIVOT, FARTHEST_PIVOT = 0.3, 2000.0
 
 
 def orbit(viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
-    """Turn around the pivot: `yaw` about the world's vertical, `pitch` upwards about the camera's x axis."""
+    """Turn about the pivot: `yaw` about the world's vertical, `pitch` upwards about the camera's x axis."""
     pose = _turn(viewpoint.world_from_camera, yaw, pitch)
     pose[:3, 3] = viewpoint.pivot - viewpoint.pivot_distance * pose[:3, 2]
     return replace(viewpoint, world_from_camera=pose)
@@ -45,7 +45,7 @@ def pan_pixels(viewpoint: Viewpoint, dx: float, dy: float, focal: float) -> View
 
 
 def dolly(viewpoint: Viewpoint, factor: float) -> Viewpoint:
-    """Come nearer to the pivot (`factor` < 1) or go away from it; the pivot stays."""
+    """Move nearer to the pivot (`factor` < 1) or away from it; the pivot stays."""
     distance = float(np.clip(viewpoint.pivot_distance * factor, NEAREST_PIVOT, FARTHEST_PIVOT))
     pose = viewpoint.world_from_camera.copy()
     pose[:3, 3] = viewpoint.pivot - distance * viewpoint.forward
@@ -53,7 +53,7 @@ def dolly(viewpoint: Viewpoint, factor: float) -> Viewpoint:
 
 
 def set_pivot_distance(viewpoint: Viewpoint, distance: float) -> Viewpoint:
-    """The same view; orbiting turns around the point at `distance` along the axis."""
+    """Make orbiting turn about the point at `distance` (metres) along the axis; the view stays."""
     return replace(viewpoint, pivot_distance=float(np.clip(distance, NEAREST_PIVOT, FARTHEST_PIVOT)))
 
 
@@ -72,7 +72,7 @@ def lift(viewpoint: Viewpoint, up: float) -> Viewpoint:
 
 
 def frame_box(viewpoint: Viewpoint, low: Float[ndarray, "3"], high: Float[ndarray, "3"]) -> Viewpoint:
-    """Look at the centre of a box from the present direction (from somewhat above), far enough to see all of it."""
+    """Look at the centre of a box, roughly in the present direction, from where all of it is visible."""
     center, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.2)
     lens = viewpoint.lens
     half_angle = np.arctan(min(lens.height / lens.fy, lens.width / lens.fx) / 2)
@@ -84,21 +84,21 @@ def frame_box(viewpoint: Viewpoint, low: Float[ndarray, "3"], high: Float[ndarra
 
 
 def view_from_camera(view: CameraView, pivot_distance: float = 10.0) -> Viewpoint:
-    """The dataset camera's own place and lens."""
-    return Viewpoint(view.camera.world_from_camera, Intrinsics.of(view.camera), pivot_distance)
+    """Make the viewpoint of a dataset camera, with its pose and intrinsics."""
+    return Viewpoint(view.camera.world_from_camera, Intrinsics.from_camera(view.camera), pivot_distance)
 
 
 def frame_points(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
-    """Frame the box of most of the points (at least one): stray splats do not push the camera away."""
+    """Frame the box of most of the points (at least one), so that stray splats do not push the camera away."""
     low, high = np.percentile(points, [2, 98], axis=0)
     return frame_box(viewpoint, low, high)
 
 
 def look_straight_down(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
-    """Straight down on most of the points (at least one), with the present heading up in the picture."""
+    """Look straight down at most of the points (at least one), with the present heading up in the picture."""
     low, high = np.percentile(points, [2, 98], axis=0)
     heading = viewpoint.forward * [1, 1, 0]
-    if np.linalg.norm(heading) < 1e-6:  # from above already: the picture's up
+    if np.linalg.norm(heading) < 1e-6:  # looking down already: take the picture's up
         heading = -viewpoint.world_from_camera[:3, 1] * [1, 1, 0]
     heading /= np.linalg.norm(heading)
     down = np.array([0.0, 0.0, -1.0])
@@ -114,7 +114,7 @@ def look_straight_down(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> V
 
 
 def transform_viewpoint(viewpoint: Viewpoint, matrix: Similarity) -> Viewpoint:
-    """Gone along with a scene after [s R | t], then without roll: the same thing in the middle, and upright."""
+    """Move a viewpoint along with a scene transformed by [s R | t], then remove its roll."""
     pose = transform_pose(viewpoint.world_from_camera, matrix)
     level = look_at(pose[:3, 3], pose[:3, 3] + pose[:3, 2])
     return set_pivot_distance(
@@ -123,7 +123,7 @@ def transform_viewpoint(viewpoint: Viewpoint, matrix: Similarity) -> Viewpoint:
 
 
 def frame_scene(means: Float[ndarray, "n 3"]) -> Viewpoint:
-    """A first look at a scene without cameras."""
+    """Choose the first viewpoint of a scene without cameras."""
     return frame_points(make_default_viewpoint(), means) if len(means) else make_default_viewpoint()
 
 
@@ -136,7 +136,7 @@ def _turn(pose: Float[ndarray, "4 4"], yaw: float, pitch: float) -> Float[ndarra
     upright = tilted[2, 1] <= max(rotation[2, 1], 0.0)  # y points down: no drag turns the picture over the pole
     if upright and abs(tilted[2, 2]) <= max(STEEPEST, abs(rotation[2, 2])):
         rotation = tilted
-    left, _, right = np.linalg.svd(rotation)  # many small turns must not shear the axes
+    left, _, right = np.linalg.svd(rotation)  # so that many small turns do not shear the axes
     turned = pose.copy()
     turned[:3, :3] = left @ right
     return turned

@@ -1,4 +1,4 @@
-"""Work beside the window: opening and exporting in a thread, failures brought back as messages."""
+"""Background work such as opening and exporting, whose failures come back as messages."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class Job:
-    """One piece of work, waiting, running or done."""
+    """A piece of work: waiting, running or done."""
 
     title: str
-    """Present participle for the progress box, e.g. ``Opening street.ply``."""
+    """Text of the progress box, e.g. ``Opening street.ply``."""
     on_done: Callable[[Any], None]
     modal: bool
-    """Whether edits wait until it is done."""
+    """Whether edits are refused until it is done."""
     on_failure: Callable[[BaseException], bool]
-    """Gets what went wrong; returns whether that was all there is to do about it."""
+    """Gets the exception; returns whether it was handled, so that the user is not told."""
     future: Future[Any] = field(default_factory=Future)
     share: float | None = None
-    """How much of it is done, 0 … 1; None while that is not known."""
+    """Share that is done, in [0, 1]; None while that is unknown."""
     stop: Event = field(default_factory=Event)
     over: bool = False
-    """Whether its end, whatever it was, has been told."""
+    """Whether its end has been delivered, whatever it was."""
 
     def report_share(self, share: float) -> None:
-        """Told by the work, in its own thread. Raises CancelledError where the user wants it to stop."""
+        """Note the share that is done, on the work's thread. Raises CancelledError where the job was cancelled."""
         self.share = share
         if self.stop.is_set():
             raise CancelledError(f"{self.title} was cancelled")
 
 
 class Jobs:
-    """Runs jobs one after the other. `poll` must be called on the UI's thread, every frame."""
+    """Runs jobs one after another. Call `poll` on the UI's thread in every frame."""
 
     def __init__(
         self,
@@ -53,21 +53,21 @@ class Jobs:
         wake: Callable[[], None] = lambda: None,
         report_cancelled: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """The reports get a text for the user; `wake` is called from the worker when something is done."""
+        """The reports get a text for the user; `wake` is called on the worker's thread when a job ends."""
         self._report_error, self._report_cancelled, self._wake = report_error, report_cancelled, wake
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="editor-job")
-        self._aside = ThreadPoolExecutor(max_workers=1, thread_name_prefix="editor-aside")
+        self._background_pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="editor-background")
         self._jobs: list[Job] = []
-        self._asides: list[Job] = []
+        self._background_jobs: list[Job] = []
 
     @property
     def current(self) -> Job | None:
-        """The job that runs or waits longest; those aside come last."""
-        return next(iter((*self._jobs, *self._asides)), None)
+        """The job that has run or waited longest; background jobs come last."""
+        return next(iter((*self._jobs, *self._background_jobs)), None)
 
     @property
     def is_blocking(self) -> bool:
-        """Whether a modal job is under way."""
+        """Whether a modal job waits or runs."""
         return any(job.modal for job in self._jobs)
 
     def submit(
@@ -78,10 +78,10 @@ class Jobs:
         modal: bool = True,
         on_failure: Callable[[BaseException], bool] = lambda _: False,
     ) -> Job:
-        """Run `work` in the background, then `on_done(result)` on the UI's thread.
+        """Run `work` on another thread, then `on_done(result)` on the UI's thread.
 
-        What `work` tells by `instdrive_core.progress.report` is the job's `share`. A failure goes to `on_failure` first,
-        and where that returns False to the user.
+        What `work` reports through `instdrive_core.progress.report` is the job's `share`. A failure goes to
+        `on_failure`, and to the user where that returns False.
         """
         job = Job(title, on_done, modal, on_failure)
         self._start(self._pool, job, work)
@@ -95,17 +95,17 @@ class Jobs:
         on_done: Callable[[Any], None] = lambda _: None,
         on_failure: Callable[[BaseException], bool] = lambda _: False,
     ) -> None:
-        """As `submit`, beside the other jobs and never modal: what nobody waits for.
+        """Run work that nobody waits for, beside the other jobs and never modal.
 
-        Earlier ones of the same title are given up: the newest result is wanted only.
+        Earlier jobs of the same title are cancelled, since only the newest result is wanted.
         """
-        for old in [job for job in self._asides if job.title == title]:
+        for old in [job for job in self._background_jobs if job.title == title]:
             old.stop.set()
             old.future.cancel()
-            self._asides.remove(old)
+            self._background_jobs.remove(old)
         job = Job(title, on_done, False, on_failure)
-        self._start(self._aside, job, work)
-        self._asides.append(job)
+        self._start(self._background_pool, job, work)
+        self._background_jobs.append(job)
 
     def _start(self, pool: ThreadPoolExecutor, job: Job, work: Callable[[], Any]) -> None:
         def run() -> Any:
@@ -119,15 +119,15 @@ class Jobs:
         job.future.add_done_callback(lambda _: self._wake())
 
     def cancel(self) -> None:
-        """Stop the current job at the next moment it reports."""
+        """Stop the current job when it next reports its progress."""
         job = self.current
         if job is not None:
             job.stop.set()
             job.future.cancel()
 
     def poll(self) -> None:
-        """Deliver what has finished. A failure becomes a message; one that is our bug comes with its traceback."""
-        for jobs in (self._jobs, self._asides):
+        """Deliver finished jobs. A failure becomes a message; a bug of ours is logged with its traceback."""
+        for jobs in (self._jobs, self._background_jobs):
             while jobs and jobs[0].future.done():
                 self._deliver(jobs.pop(0))
 
@@ -144,11 +144,11 @@ class Jobs:
             self._report_error(user_message(error) if isinstance(error, EditError) else str(error))
         else:
             _log.error("%s failed", job.title, exc_info=error)
-            self._report_error(f"{job.title} failed: {error!r}. Help, Log file has the details; please report them")
+            self._report_error(f"{job.title} failed: {error!r}. Help › Log file has the details. Please report it")
 
     def close(self) -> None:
-        """Wait for the running job, so that an export is whole; drop those that have not begun, and those aside."""
-        for job in self._asides:
+        """Wait for the running job, so that an export is complete; drop waiting jobs and stop background jobs."""
+        for job in self._background_jobs:
             job.stop.set()
-        self._aside.shutdown(wait=True, cancel_futures=True)
+        self._background_pool.shutdown(wait=True, cancel_futures=True)
         self._pool.shutdown(wait=True, cancel_futures=True)

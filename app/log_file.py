@@ -1,4 +1,4 @@
-"""The editor's log on disk: what was told to the user, and the tracebacks that were spared them."""
+"""The editor's log file: warnings, failures and their tracebacks."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from pathlib import Path
 
 from instdrive_core.files.user_folders import find_state_folder
 
-MAX_BYTES, KEPT = 1_000_000, 4
-"""Size of one file, and how many older ones are kept."""
+MAX_BYTES, BACKUPS = 1_000_000, 4
+"""Size of one file, and the number of older ones that are kept."""
 _FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
 
 def get_log_path() -> Path:
-    """The newest log."""
+    """Get the path of the newest log."""
     return find_state_folder() / "logs" / "editor.log"
 
 
 def start_logging(path: Path | None = None) -> logging.Handler | None:
-    """Write warnings and what the program logs to the log file, also failures in threads that nobody waits for.
+    """Write warnings and log messages to the log file, including failures in threads that nobody waits for.
 
-    Returns None, with a warning on stderr, where the file cannot be written: the editor works without.
+    Returns None, with a warning on stderr, where the file cannot be written; the editor works without a log.
     """
     path = path or get_log_path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # File names need not be text: a failure that names one is logged all the same.
         handler = RotatingFileHandler(
-            path, maxBytes=MAX_BYTES, backupCount=KEPT, encoding="utf-8", errors="backslashreplace"
+            path, maxBytes=MAX_BYTES, backupCount=BACKUPS, encoding="utf-8", errors="backslashreplace"
         )
     except OSError as error:
-        print(f"instdrive: the log {path} cannot be written ({error}); going on without one", file=sys.stderr)
+        print(f"instdrive: the log {path} cannot be written ({error}); continuing without a log", file=sys.stderr)
         return None
     handler.setFormatter(logging.Formatter(_FORMAT))
     root = logging.getLogger()
@@ -43,14 +43,6 @@ def start_logging(path: Path | None = None) -> logging.Handler | None:
     logging.captureWarnings(True)
     threading.excepthook = _log_thread_failure
     return handler
-
-
-def stop_logging(handler: logging.Handler) -> None:
-    """Undo `start_logging`."""
-    logging.getLogger().removeHandler(handler)
-    handler.close()
-    logging.captureWarnings(False)
-    threading.excepthook = threading.__excepthook__
 
 
 def _log_thread_failure(failure: threading.ExceptHookArgs) -> None:

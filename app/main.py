@@ -1,4 +1,4 @@
-"""The ``instdrive`` command: finds the command named, imports only that one, and runs it."""
+"""The ``instdrive`` program: finds the named command, imports only that one, and runs it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class CliCommand:
-    """Where a command lives, and the first line of its docstring, repeated so that help imports nothing."""
+    """Where a command is implemented, and the first line of its docstring, repeated so that help imports nothing."""
 
     target: str
     """``module:function``"""
@@ -25,10 +25,12 @@ COMMANDS = {
     ),
     "edit": CliCommand("instdrive_app.cli.edit:edit", "Open a scene in the editor window."),
     "synth": CliCommand(
-        "instdrive_core.cli.synth:synth",
+        "instdrive_core.cli.synth:record_synthetic_drive",
         "Write a synthetic driving clip in PandaSet's layout, with exact instance labels.",
     ),
-    "masks": CliCommand("instdrive_core.cli.masks:masks", "Write instance masks for the training photos of a clip."),
+    "masks": CliCommand(
+        "instdrive_core.cli.masks:create_masks", "Write instance masks for the training photos of a clip."
+    ),
     "train": CliCommand("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
     "eval": CliCommand("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
     "compare": CliCommand("instdrive_core.cli.compare:compare", "Put measured runs side by side."),
@@ -37,13 +39,16 @@ COMMANDS = {
         "instdrive_core.cli.convert:convert", "Convert a scene into the format that the new name ends in."
     ),
     "objects": CliCommand(
-        "instdrive_core.cli.objects:objects", "Write boxes or hulls of a scene's instances as .json or .glb."
+        "instdrive_core.cli.objects:export_objects", "Write boxes or hulls of a scene's instances as .json or .glb."
     ),
     "id-masks": CliCommand(
-        "instdrive_core.cli.id_masks:id_masks", "Write instance masks as the cameras of a scene's photos see them."
+        "instdrive_core.cli.id_masks:export_id_masks",
+        "Write instance masks as the cameras of a scene's photos see them.",
     ),
-    "render": CliCommand("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
-    "info": CliCommand("instdrive_core.cli.info:info", "Print what a scene file holds."),
+    "render": CliCommand(
+        "instdrive_core.cli.render:render_pictures", "Draw a scene into PNG pictures without a window."
+    ),
+    "info": CliCommand("instdrive_core.cli.info:print_info", "Print what a scene file holds."),
     "doctor": CliCommand(
         "instdrive_app.cli.doctor:doctor", "Print versions and the state of OpenGL and CUDA, and test a render."
     ),
@@ -67,8 +72,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"instdrive: there is no command {name!r}. Commands: {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
     if "" in rest:
-        # As a path it would be the current folder, which nobody meant to write a scene into.
-        problem = "an argument is empty, as a variable of the shell is that was never set; for this folder give ."
+        # As a path it would be the current folder, into which nobody meant to write a scene.
+        problem = "an argument is empty, perhaps an unset shell variable. To name the current folder, give ."
         print(f"instdrive {name}: {problem}", file=sys.stderr)
         return 2
     return _run(name, rest)

@@ -8,11 +8,11 @@ from typing import TypeVar
 Item = TypeVar("Item")
 
 _WORD_START, _IN_ROW, _ANYWHERE = 8, 5, 1
-"""What a letter found at a word's start, right after the last one, or elsewhere is worth."""
+"""Points for a letter at the start of a word, right after the last one, or elsewhere."""
 
 
 def score_match(typed: str, title: str) -> int | None:
-    """How well `title` answers to `typed`: its letters must occur in that order; None where they do not.
+    """Score how well `title` matches `typed`, whose letters must occur in that order; None where they do not.
 
     Letters at the start of words and letters in a row count more, so that ``exp`` finds ``Export`` before ``Explode at
     page``, and ``sc`` finds ``Split by component`` at all.
@@ -39,7 +39,7 @@ def score_match(typed: str, title: str) -> int | None:
 
 
 def find_best_matches(typed: str, items: Iterable[Item], title: Callable[[Item], str]) -> list[Item]:
-    """The items that answer to `typed`, best first; all in their order where nothing is typed."""
+    """Find the items that match `typed`, best first; all in their order where nothing is typed."""
     scored = [(score_match(typed, title(item)), item) for item in items]
     found = [(score, item) for score, item in scored if score is not None]
     return [item for _, item in sorted(found, key=lambda pair: -pair[0])]

@@ -1,4 +1,4 @@
-"""How much memory the editor holds, and giving back what it no longer does."""
+"""Measuring the editor's memory, and returning freed memory to the system."""
 
 from __future__ import annotations
 
@@ -35,8 +35,10 @@ def read_resident_bytes() -> int:
 
 
 def release_freed_memory() -> None:
-    """Let the system have the freed memory that the C library keeps: after hours of large jobs on several threads that
-    would be as much as the scene itself. Does nothing where the C library has no such call (all but Linux with glibc).
+    """Return the freed memory that the C library keeps to the system.
+
+    After hours of large jobs on several threads that would be as much as the scene itself. Works with glibc on Linux
+    only; elsewhere it does nothing.
     """
     trim = _find_trim()
     if trim is not None:

@@ -1,4 +1,4 @@
-"""What the editor tells the user: kept in the log, shown for a while as toasts."""
+"""Messages to the user: kept in the log, shown for some seconds as toasts."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 TOAST_SECONDS = {"info": 4.0, "error": 10.0}
-KEPT = 500
+MAX_MESSAGES = 500
 
 
 def user_message(error: Exception) -> str:
-    """What an error of an edit says, as a sentence: in programs it follows a colon."""
+    """Format an edit's error as a sentence; in programs it follows a colon."""
     text = str(error)
     return text[:1].upper() + text[1:]
 
 
 class Level(Enum):
-    """How a message is meant."""
+    """Importance of a message."""
 
     INFO = "info"
     ERROR = "error"
@@ -33,7 +33,7 @@ class Message:
     when: float
     """Seconds of the wall clock since 1970."""
     shown_until: float
-    """Seconds of the monotonic clock; after it the toast is gone."""
+    """Seconds of the monotonic clock at which the toast disappears."""
 
 
 class Messages:
@@ -45,27 +45,27 @@ class Messages:
 
     @property
     def log(self) -> tuple[Message, ...]:
-        """The last messages."""
+        """The last messages, newest last."""
         return tuple(self._log)
 
     @property
     def toasts(self) -> tuple[Message, ...]:
-        """Messages still to be shown over the window."""
+        """Messages still shown over the window."""
         now = self._clock()
         return tuple(message for message in self._log[-5:] if message.shown_until > now)
 
     def info(self, text: str) -> None:
-        """Say that something was done."""
+        """Report that something was done."""
         self._add(Level.INFO, text)
 
     def error(self, text: str) -> None:
-        """Say that something went wrong, and what to do."""
+        """Report that something went wrong, and what to do."""
         self._add(Level.ERROR, text)
 
     def dismiss(self, message: Message | None = None) -> None:
-        """Take a toast away, or all of them."""
+        """Remove a toast, or all of them."""
         self._log = [replace(m, shown_until=0.0) if message in (None, m) else m for m in self._log]
 
     def _add(self, level: Level, text: str) -> None:
         self._log.append(Message(level, text, time.time(), self._clock() + TOAST_SECONDS[level.value]))
-        del self._log[:-KEPT]
+        del self._log[:-MAX_MESSAGES]

@@ -1,4 +1,4 @@
-"""What a tool is to the viewport: it is told where the pointer is, where it clicked and what it dragged over."""
+"""The interface between the viewport and its tools: pointer positions, clicks and drags."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Point = tuple[float, float]
 
 
 Operation = Literal["move", "rotate", "scale"]
-"""What handles at the selection do."""
+"""What the handles at the selection do."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,12 @@ class Click:
 
     @property
     def mode(self) -> SelectMode:
-        """What the keys ask for: Shift adds, Ctrl removes, both keep of the selection what is meant."""
+        """Mode that the held keys ask for: Shift adds, Ctrl removes, both intersect."""
         return choose_selection_mode(self.shift, self.ctrl)
 
 
 def choose_selection_mode(shift: bool, ctrl: bool) -> SelectMode:
-    """The mode of selecting that these keys stand for."""
+    """Choose the selection mode that held keys ask for."""
     if shift and ctrl:
         return "intersect"
     return "add" if shift else "remove" if ctrl else "replace"
@@ -41,10 +41,10 @@ def choose_selection_mode(shift: bool, ctrl: bool) -> SelectMode:
 
 @runtime_checkable
 class Tool(Protocol):
-    """Turns pointing into commands and edits."""
+    """Turns pointing into actions and edits."""
 
     drags: bool
-    """Whether a drag with the left button is the tool's; otherwise it turns the camera."""
+    """Whether the tool takes drags with the left button; otherwise they turn the camera."""
     options: tuple[str, ...]
     """IDs of the commands that the toolbar shows beside it."""
     operation: Operation | None
@@ -53,20 +53,20 @@ class Tool(Protocol):
     """The closed line that is being dragged; empty while nothing is."""
 
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
-        """The pointer is at this place of the frame `snapshot`."""
+        """Handle the pointer at this position in the frame `snapshot`."""
 
     def leave(self) -> None:
-        """The pointer is not over the picture, or drags."""
+        """Handle the pointer leaving the picture, or beginning a drag."""
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
-        """A click on the frame `snapshot`; returns the instance that was clicked, 0 for none."""
+        """Handle a click on the frame `snapshot`; returns the clicked instance, 0 for none."""
         ...
 
     def drag(self, start: Point, to: Point) -> None:
-        """The left button was pressed at `start` and the pointer is at `to`; told every frame, where `drags`."""
+        """Handle a drag of the left button from `start` to the pointer at `to`; called every frame, where `drags`."""
 
     def release(self, click: Click, snapshot: FrameSnapshot) -> None:
-        """The drag has ended at the place of `click`, with the keys of then held."""
+        """End the drag at the position of `click`, with the keys held then."""
 
     def cancel(self) -> None:
-        """Forget the drag under way."""
+        """Cancel the drag in progress."""

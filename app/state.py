@@ -1,4 +1,4 @@
-"""What the user wants to see, and how it becomes one frozen snapshot per frame."""
+"""What the user wants to see, and the frozen snapshot of it for each frame."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from instdrive_core.scene.camera import Camera, look_at
 DEFAULT_ID_OPACITY = 0.3
 """Splats fainter than this are not drawn in the ID view and cannot be picked."""
 ID_ALPHA_CUT = 0.2
-"""Fragments of lower alpha are holes in the ID view."""
+"""Alpha below which fragments are holes in the ID view."""
 
 
 class ViewMode(Enum):
-    """What the viewport paints."""
+    """What the viewport draws."""
 
     COLOR = "Colour"
     INSTANCE = "Instances"
@@ -27,7 +27,7 @@ class ViewMode(Enum):
 
 
 class Reference(Enum):
-    """What the dataset camera's picture is compared with."""
+    """What the view of a dataset camera is compared with."""
 
     NONE = "Splats only"
     PHOTO = "Photo"
@@ -36,7 +36,7 @@ class Reference(Enum):
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """Pinhole intrinsics of a film of some size in pixels; the film is fitted into whatever viewport shows it."""
+    """Pinhole intrinsics of a film, in pixels; the film is fitted into the viewport that shows it."""
 
     fx: float
     fy: float
@@ -46,20 +46,20 @@ class Intrinsics:
     height: int
 
     @classmethod
-    def of(cls, camera: Camera) -> Intrinsics:
-        """The lens of a posed camera."""
+    def from_camera(cls, camera: Camera) -> Intrinsics:
+        """Take the intrinsics of a posed camera."""
         return cls(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
 
     @classmethod
     def from_field_of_view(cls, degrees: float, width: int = 1600, height: int = 900) -> Intrinsics:
-        """A centred lens with the given vertical field of view."""
+        """Compute centred intrinsics with a vertical field of view in degrees."""
         focal = height / 2 / np.tan(np.radians(degrees) / 2)
         return cls(focal, focal, width / 2, height / 2, width, height)
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where the user looks from, and the distance of the point that orbiting turns around."""
+    """Where the user looks from, and the distance of the point that orbiting turns about."""
 
     world_from_camera: Float64[ndarray, "4 4"]
     lens: Intrinsics
@@ -78,11 +78,11 @@ class Viewpoint:
 
     @property
     def pivot(self) -> Float64[ndarray, "3"]:
-        """The point that orbiting turns around."""
+        """The point that orbiting turns about."""
         return self.position + self.pivot_distance * self.forward
 
     def fit_camera(self, width: int, height: int) -> Camera:
-        """The camera of a viewport: the whole film is inside, centred, and what lies around it is shown too."""
+        """Compute the camera of a viewport of this size in pixels: the whole film is inside and centred."""
         lens = self.lens
         scale = min(width / lens.width, height / lens.height)
         cx = lens.cx * scale + (width - lens.width * scale) / 2
@@ -90,28 +90,28 @@ class Viewpoint:
         return Camera(lens.fx * scale, lens.fy * scale, cx, cy, width, height, self.world_from_camera)
 
     def fit_film(self, width: int, height: int) -> tuple[float, float, float, float]:
-        """Left, top, right, bottom of the film in the viewport's pixels."""
+        """Compute left, top, right and bottom of the film in a viewport of this size, in pixels."""
         scale = min(width / self.lens.width, height / self.lens.height)
         left, top = (width - self.lens.width * scale) / 2, (height - self.lens.height * scale) / 2
         return left, top, width - left, height - top
 
 
 def make_default_viewpoint() -> Viewpoint:
-    """Eye height, looking along the world's +y."""
+    """Make a viewpoint near eye height that looks along the world's +y."""
     pose = look_at(np.array([0.0, -8.0, 3.0]), np.array([0.0, 0.0, 1.0]))
     return Viewpoint(pose, Intrinsics.from_field_of_view(50.0))
 
 
 @dataclass
 class EditorState:
-    """Everything that changes the picture and is no edit. Written by commands, tools and panels."""
+    """Everything but edits that changes the picture. Written by actions, tools and panels."""
 
     view_mode: ViewMode = ViewMode.COLOR
     time: float = 0.0
     """Seconds since the clip's first time step."""
     viewpoint: Viewpoint = field(default_factory=make_default_viewpoint)
     dataset_view: int | None = None
-    """Index into the scene's views while the viewport looks through one of them."""
+    """Index into the scene's views while the viewport looks through one of them, else None."""
     hovered: int = 0
     """Instance under the cursor; 0 = none."""
     tool: str = "pick"
@@ -119,7 +119,7 @@ class EditorState:
     region_splats: bool = False
     """Whether region tools select single splats instead of whole instances."""
     region_visible_only: bool = True
-    """Whether region tools pass over what is hidden behind something."""
+    """Whether region tools leave out what is hidden behind something."""
     id_opacity: float = DEFAULT_ID_OPACITY
     show_sky: bool = True
     show_outlines: bool = True
@@ -131,7 +131,7 @@ class EditorState:
 
 @dataclass(frozen=True)
 class FrameSnapshot:
-    """All that the renderer reads of the state, for one frame."""
+    """Everything that the renderer reads of the state, for one frame."""
 
     camera: Camera
     time: float
@@ -145,7 +145,7 @@ class FrameSnapshot:
 
 
 def resolve(state: EditorState, width: int, height: int, draft: bool = False) -> FrameSnapshot:
-    """The frame that `state` asks for in a viewport of this size (pixels, at least 1 × 1)."""
+    """Resolve `state` to one frame of a viewport of this size (pixels, at least 1 × 1)."""
     return FrameSnapshot(
         camera=state.viewpoint.fit_camera(max(width, 1), max(height, 1)),
         time=state.time,

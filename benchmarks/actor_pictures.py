@@ -59,18 +59,18 @@ def largest_crops(clip: Clip, count: int) -> list[Crop]:
         for track in clip.tracks:
             if not (track.moving and track.covers(time)):
                 continue
-            seen = find_box_silhouette(camera, track.pose_at(time), track.dimensions)
+            seen = find_box_silhouette(camera, track.interpolate_pose(time), track.dimensions)
             rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
             if not len(rows) or rows[0] == 0 or columns[0] == 0 or columns[-1] == camera.width - 1:
                 continue
             area = int(seen.sum())
             if area > best.get(track.id, (400, None))[0]:
-                best[track.id] = area, _around(frame, rows, columns)
+                best[track.id] = area, _find_surroundings(frame, rows, columns)
     ordered = sorted(best.values(), key=lambda entry: -entry[0])
     return [crop for _, crop in ordered[:count]]
 
 
-def _around(frame: Frame, rows: ndarray, columns: ndarray) -> Crop:
+def _find_surroundings(frame: Frame, rows: ndarray, columns: ndarray) -> Crop:
     camera = frame.view.camera
     height = min(int(1.5 * max(len(rows), len(columns) / _ASPECT)), camera.height)
     width = min(int(height * _ASPECT), camera.width)
@@ -79,11 +79,11 @@ def _around(frame: Frame, rows: ndarray, columns: ndarray) -> Crop:
     return Crop(frame, left, top, width, height)
 
 
-def drawn(scene: Scene, frame: Frame) -> UInt8[ndarray, "h w 3"]:
+def draw_view(scene: Scene, frame: Frame) -> UInt8[ndarray, "h w 3"]:
     """The scene as the frame's camera would have photographed it."""
     image = view_scene(scene, frame.view.camera, frame.view.time).color
     if scene.exposures is not None:
-        image = apply_exposure(image, scene.exposures.at(frame.view.name, frame.view.time))
+        image = apply_exposure(image, scene.exposures.interpolate(frame.view.name, frame.view.time))
     return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
@@ -93,7 +93,7 @@ def main(options: Options) -> None:
     scenes = [read_scene_folder(path) for path in (options.static, options.run)]
     columns = []
     for crop in largest_crops(clip, options.count):
-        images = [crop.frame.load_image(), *(drawn(scene, crop.frame) for scene in scenes)]
+        images = [crop.frame.load_image(), *(draw_view(scene, crop.frame) for scene in scenes)]
         size = (round(options.height * _ASPECT), options.height)
         rows = slice(crop.top, crop.top + crop.height), slice(crop.left, crop.left + crop.width)
         columns.append(np.concatenate([np.asarray(Image.fromarray(image[rows]).resize(size)) for image in images]))

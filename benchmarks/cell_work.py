@@ -17,7 +17,7 @@ from typing import Any
 
 import tyro
 
-from benchmarks.cells import Cell, Scale, cell_keys, config_of, learning_settings, plan, street_seed
+from benchmarks.cells import Cell, Scale, build_cell_config, cell_keys, find_street_seed, learning_settings, plan
 from benchmarks.outcomes import PUBLISHED, SPLIT
 from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.registry import load_clip
@@ -69,7 +69,7 @@ class Workplace:
 
     def clip(self, name: str) -> Path:
         """The folder of a clip's cell."""
-        return self.recorded if street_seed(name) is None else self._path("clips", name)
+        return self.recorded if find_street_seed(name) is None else self._path("clips", name)
 
     def masks(self, name: str) -> Path:
         """The folder of a masks' cell."""
@@ -85,7 +85,7 @@ class Workplace:
 
     def options(self, cell: Cell) -> ClipOptions:
         """The part of its clip that a cell uses."""
-        if street_seed(cell.clip) is not None:
+        if find_street_seed(cell.clip) is not None:
             return ClipOptions(cameras=cell.cameras)
         scale = self.scale
         return ClipOptions(cell.cameras, scale.image_scale, scale.first_frame, scale.last_frame)
@@ -152,7 +152,7 @@ def end_with_parent() -> None:
 
 
 def _make_clip(cell: Cell, place: Workplace) -> dict[str, Any]:
-    seed, folder, scale = street_seed(cell.clip), place.clip(cell.name), place.scale
+    seed, folder, scale = find_street_seed(cell.clip), place.clip(cell.name), place.scale
     if seed is not None:
         from instdrive_core.datasets.synthetic import StreetConfig, write_street
 
@@ -165,7 +165,7 @@ def _make_clip(cell: Cell, place: Workplace) -> dict[str, Any]:
 
 def _make_masks(cell: Cell, place: Workplace) -> dict[str, Any]:
     """By the words of the command line, so that a reader can repeat it."""
-    from instdrive_core.cli.masks import masks
+    from instdrive_core.cli.masks import create_masks
     from instdrive_core.masks.label_map_folder import open_masks
 
     options, folder = place.options(cell), place.masks(cell.name)
@@ -174,7 +174,7 @@ def _make_masks(cell: Cell, place: Workplace) -> dict[str, Any]:
     for name in ("scale", "first_frame", "last_frame"):
         if getattr(options, name) is not None:
             words += [f"--{name.replace('_', '-')}", str(getattr(options, name))]
-    tyro.cli(masks, args=words)
+    tyro.cli(create_masks, args=words)
     counts = open_masks(folder).counts
     return {"photos": len(counts), "masks": sum(counts.values())}
 
@@ -182,7 +182,7 @@ def _make_masks(cell: Cell, place: Workplace) -> dict[str, Any]:
 def _train_geometry(cell: Cell, place: Workplace) -> dict[str, Any]:
     run = place.run(cell.name)
     _train(cell, place, run)
-    return {**_facts_of(run), "learning": learning_settings(config_of(cell, place.scale))}
+    return {**_collect_facts(run), "learning": learning_settings(build_cell_config(cell, place.scale))}
 
 
 def _measure(cell: Cell, place: Workplace) -> dict[str, Any]:
@@ -205,14 +205,14 @@ def _measure(cell: Cell, place: Workplace) -> dict[str, Any]:
     rows, evaluation = {}, None
     bounding = cell.method == "instdrive" and not cell.variant  # all methods share the geometry, and so the oracle
     for row, shown in _rows(cell, scene).items():
-        evaluation = evaluate_scene(shown, clip, truth, facts, oracle_too=bounding)
+        evaluation = evaluate_scene(shown, clip, truth, facts, with_reference=bounding)
         rows[row] = {**evaluation.figures, "shared_codes": len(evaluation.shared_codes) if shown.code_bits else None}
     assert evaluation is not None
     return {
         "run_of": geometry if own else cell.name,
         "learned": OWN if own else FROZEN,
-        **_facts_of(run),
-        "learning": learning_settings(config_of(cell, place.scale)),
+        **_collect_facts(run),
+        "learning": learning_settings(build_cell_config(cell, place.scale)),
         "rows": rows,
         "controls": evaluation.controls,
         "privileged": evaluation.privileged,
@@ -226,7 +226,7 @@ def _is_own(cell: Cell, place: Workplace) -> bool:
     if cell.method != "instdrive" or cell.variant or cell.masks != geometry.masks:
         return False
     trained = place.outcome(geometry.name) or {}
-    wanted = json.loads(json.dumps(learning_settings(config_of(cell, place.scale))))
+    wanted = json.loads(json.dumps(learning_settings(build_cell_config(cell, place.scale))))
     return trained.get("learning") == wanted and trained.get("commit") == commit()
 
 
@@ -258,7 +258,7 @@ def _train(cell: Cell, place: Workplace, run: Path, init: Path | None = None) ->
         clip=place.clip(cell.clip),
         out=run,
         options=place.options(cell),
-        config=config_of(cell, place.scale),
+        config=build_cell_config(cell, place.scale),
         masks=place.masks(masks),
         resume=(run / CONFIG).is_file(),
         init=init,
@@ -269,6 +269,6 @@ def _train(cell: Cell, place: Workplace, run: Path, init: Path | None = None) ->
     (run / CHECKPOINT).unlink(missing_ok=True)
 
 
-def _facts_of(run: Path) -> dict[str, Any]:
+def _collect_facts(run: Path) -> dict[str, Any]:
     facts = json.loads((run / _RUN_FACTS).read_text(encoding="utf-8"))
     return {name: facts[name] for name in ("train_seconds", "peak_rss_mb", "iterations", "n_gaussians", "n_instances")}

@@ -113,7 +113,7 @@ class Cell:
         return self.name.replace("/", "_")
 
 
-def street_seed(clip: str) -> int | None:
+def find_street_seed(clip: str) -> int | None:
     """The seed of a synthetic street; None for recorded clips."""
     return int(clip.removeprefix("street-")) if clip.startswith("street-") else None
 
@@ -125,8 +125,8 @@ def method_name(clip: str, cameras: str, masks: str, method: str, variant: str =
 
 def plan(scale: Scale = FULL) -> tuple[Cell, ...]:
     """All cells; each comes after those that it needs."""
-    cells = [cell for seed in HEADLINE_SEEDS for cell in _prepared(f"street-{seed}", ("sam-v1",))]
-    cells += _prepared(PANDASET, ("annotations", "lidar"))
+    cells = [cell for seed in HEADLINE_SEEDS for cell in _prepare(f"street-{seed}", ("sam-v1",))]
+    cells += _prepare(PANDASET, ("annotations", "lidar"))
     compared = [(STREET, cameras, "sam-v1") for cameras in reversed(CAMERA_SETS)]
     compared += [(f"street-{seed}", "6", "sam-v1") for seed in HEADLINE_SEEDS[1:]]
     compared += [(PANDASET, "6", "annotations")]
@@ -143,11 +143,11 @@ def plan(scale: Scale = FULL) -> tuple[Cell, ...]:
     return tuple(replace(cell, seconds=scale.cost * cell.seconds) for cell in (*cells, *_figures()))
 
 
-def _prepared(clip: str, masks: Sequence[str]) -> list[Cell]:
+def _prepare(clip: str, masks: Sequence[str]) -> list[Cell]:
     made = [
         Cell(f"{clip}/{each}", "masks", clip, masks=each, needs=(clip,), seconds=_MASKS.get(each, 10)) for each in masks
     ]
-    return [Cell(clip, "clip", clip, seconds=60 if street_seed(clip) is not None else 1), *made]
+    return [Cell(clip, "clip", clip, seconds=60 if find_street_seed(clip) is not None else 1), *made]
 
 
 def _geometry(clip: str, cameras: str, masks: str) -> Cell:
@@ -193,7 +193,7 @@ _SHARE_OF_CAMERAS = {"1": 0.6, "3": 0.75, "6": 1.0}
 """Cost with so many cameras as a share of the cost with six."""
 
 
-def config_of(cell: Cell, scale: Scale) -> TrainConfig:
+def build_cell_config(cell: Cell, scale: Scale) -> TrainConfig:
     """What a geometry's or method's cell trains with: the `quick` preset, changed as its variant says.
 
     Raises OptionError for an unknown variant.
@@ -214,12 +214,12 @@ def config_of(cell: Cell, scale: Scale) -> TrainConfig:
     config = keep_geometry(config)
     instances = config.instances
     for change in filter(None, cell.variant.split("+")):
-        instances = _changed(instances, change)
+        instances = _change(instances, change)
     # The second row of every method has our actor nodes; what is published of it is read from its codewords alone.
     return replace(config, instances=replace(instances, whole_actors=True))
 
 
-def _changed(instances: InstanceConfig, change: str) -> InstanceConfig:
+def _change(instances: InstanceConfig, change: str) -> InstanceConfig:
     if change == SCALED:
         return replace(instances, feature_lr=instances.feature_lr * PRINTED_ITERATIONS / instances.iterations)
     if change == LOSSES:
@@ -255,10 +255,10 @@ def cell_keys(cells: Iterable[Cell], scale: Scale, recorded: str) -> dict[str, s
         if cell.kind == "clip":
             facts |= asdict(scale) | {
                 "cost": None,
-                "clip": cell.clip if street_seed(cell.clip) is not None else recorded,
+                "clip": cell.clip if find_street_seed(cell.clip) is not None else recorded,
             }
         elif cell.kind in ("geometry", "method"):
-            config = config_of(cell, scale)
+            config = build_cell_config(cell, scale)
             settings = config.to_json()
             if cell.kind == "geometry":
                 settings = {name: part for name, part in settings.items() if name not in learning_settings(config)}
@@ -270,7 +270,7 @@ def cell_keys(cells: Iterable[Cell], scale: Scale, recorded: str) -> dict[str, s
     return keys
 
 
-def chosen(cells: Sequence[Cell], patterns: Sequence[str]) -> tuple[Cell, ...]:
+def choose_cells(cells: Sequence[Cell], patterns: Sequence[str]) -> tuple[Cell, ...]:
     """The cells whose name contains one of the patterns (``*`` matches anything), and all that they need.
 
     All where there is no pattern. Raises OptionError for a pattern without a cell.

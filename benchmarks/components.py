@@ -3,8 +3,8 @@
 `python -m benchmarks.components [--run RUN]` prints one JSON line: seconds (the best of several runs, after the kernels
 were compiled) of `split_components`, `build_instance_table` and `find_instance_classes` on a trained scene grown to a
 million Gaussians in two ways. `longer`: copies of the drive, one behind the other. `denser`: copies in place, each
-Gaussian moved by a draw from its own distribution, as splitting does. Names need a run's own clip: without `--run` the sample
-scene is measured, and they are null.
+Gaussian moved by a draw from its own distribution, as splitting does. Names need a run's own clip: without `--run` the
+sample scene is measured, and they are null.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class GrownScene:
     codewords: np.ndarray
 
 
-def grown(scene: Scene, count: int, growth: Growth) -> GrownScene:
+def grow_scene(scene: Scene, count: int, growth: Growth) -> GrownScene:
     """A scene of `count` Gaussians; codewords are those of the Gaussians copied."""
     rows = np.arange(count) % len(scene)
     gaussians = scene.gaussians.select(rows)
@@ -88,7 +88,7 @@ def seconds(work: Callable[[], Any], runs: int) -> float:
     return round(best, 3)
 
 
-def measured(scene: GrownScene, clip: Clip | None, labels: list[str], runs: int) -> dict[str, object]:
+def measure_components(scene: GrownScene, clip: Clip | None, labels: list[str], runs: int) -> dict[str, object]:
     """Seconds of each part on one scene, and how many instances came out."""
     gaussians, nodes, codewords = scene.gaussians, scene.nodes, scene.codewords
     scales, opacities = gaussians.scales, gaussians.opacities
@@ -118,7 +118,8 @@ def main(options: Options) -> dict[str, object]:
     labels = [actor.label for actor in scene.actors]
     growths: tuple[Growth, ...] = ("longer", "denser")
     figures = {
-        growth: measured(grown(scene, options.gaussians, growth), clip, labels, options.runs) for growth in growths
+        growth: measure_components(grow_scene(scene, options.gaussians, growth), clip, labels, options.runs)
+        for growth in growths
     }
     return {"threads": numba.get_num_threads(), "seconds": figures}
 

@@ -50,7 +50,7 @@ class Options:
 def main(options: Options) -> Mapping[str, object]:
     """Everything the JSON line says."""
     if options.measured is not None:
-        return measured_conversion(*options.measured)
+        return measure_conversion(*options.measured)
     with tempfile.TemporaryDirectory(dir=options.folder) as name:
         folder = Path(name)
         write_large_ply(folder / "in.ply", options.splats, options.degree, options.instances)
@@ -87,7 +87,7 @@ def _header(count: int, rest: int, has_ids: bool) -> bytes:
     return "\n".join([*lines, "end_header", ""]).encode()
 
 
-def measured_conversion(source: Path, out: Path) -> dict[str, float]:
+def measure_conversion(source: Path, out: Path) -> dict[str, float]:
     """Convert in this process, which does nothing else."""
     with tempfile.TemporaryDirectory() as name, contextlib.redirect_stdout(io.StringIO()):
         little = Path(name)

@@ -14,7 +14,7 @@ CAR = np.array([1.9, 4.5, 1.6])
 """Width, length and height in metres."""
 
 
-def edit_street(seed: int = 0, ground: int = 1500, cars: int = 6, actors: int = 2, per_car: int = 120) -> Scene:
+def build_edit_street(seed: int = 0, ground: int = 1500, cars: int = 6, actors: int = 2, per_car: int = 120) -> Scene:
     """Ground, parked cars (instances 1 …) and driving ones (the last instances), with codewords and SH of degree 1."""
     rng = np.random.default_rng(seed)
     plane = np.c_[rng.uniform(-8, 8, ground), rng.uniform(-20, 20, ground), rng.normal(0, 0.01, ground)]

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt32
 from numpy import ndarray
 
-from benchmarks.workload import generated_workload
+from benchmarks.workload import generate_workload
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.activations import logit
@@ -31,7 +31,7 @@ def write_street(folder: Path, count: int, block: Float64[ndarray, "3"] = BLOCK)
 
     Raises DataError where the common workload cannot be generated.
     """
-    workload, rng = generated_workload(count, *SIZE, "trained"), np.random.default_rng(3)
+    workload, rng = generate_workload(count, *SIZE, "trained"), np.random.default_rng(3)
     gaussians = Gaussians(
         means=workload.means,
         quats=workload.quats,

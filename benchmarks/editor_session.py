@@ -80,7 +80,7 @@ class DrivenEditor:
 
     def look_from(self, pose: Camera) -> None:
         """Look through a camera."""
-        self.session.navigation.look_from(Viewpoint(pose.world_from_camera, Intrinsics.of(pose)))
+        self.session.navigation.look_from(Viewpoint(pose.world_from_camera, Intrinsics.from_camera(pose)))
 
     def fps_still(self, count: int) -> float:
         """Frames per second at full resolution, each from another place."""

@@ -13,11 +13,12 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from instdrive_app.shell.display import has_display
 from instdrive_app.shell.virtual_display import open_virtual_display
 
 PATIENCE = 60.0
-_TICKS = os.sysconf("SC_CLK_TCK")
 
 
 def help_seconds(runs: int = 5) -> float:
@@ -76,5 +77,5 @@ def _last(report: Path) -> dict[str, Any]:
 
 
 def _cpu_seconds(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS
+    times = psutil.Process(pid).cpu_times()
+    return times.user + times.system

@@ -67,7 +67,7 @@ class Uncovered:
     """Pixels that showed the car and would show ground."""
 
 
-def uncovered(scene: Scene, street: Street, car: int, views: list[CameraView]) -> Iterator[Uncovered]:
+def list_uncovered(scene: Scene, street: Street, car: int, views: list[CameraView]) -> Iterator[Uncovered]:
     """The truth behind actor number `car` of the street; photos without ground behind it are left out."""
     inverse = np.linalg.inv(street.world_from_street())
     without = replace(street, actors=tuple(actor for n, actor in enumerate(street.actors) if n != car))
@@ -88,7 +88,7 @@ def _photograph(
     return photo.image, photo.labels
 
 
-def parked_car(scene: Scene, street: Street, instance: Instance) -> int | None:
+def find_parked_car(scene: Scene, street: Street, instance: Instance) -> int | None:
     """The street's actor that an instance is; None where none stands there."""
     middle = np.mean(instance.bounds, axis=0) + scene.origin
     distances = {
@@ -131,9 +131,11 @@ def main(options: Options) -> dict[str, object]:
     for instance in list(scene.table):
         if instance.class_name != "Car" or instance.node or instance.count < options.min_splats:
             continue
-        car = parked_car(scene, street, instance)
+        car = find_parked_car(scene, street, instance)
         parts = (
-            [] if car is None else list(uncovered(scene, street, car, best_views(scene, instance.id, options.views)))
+            []
+            if car is None
+            else list(list_uncovered(scene, street, car, best_views(scene, instance.id, options.views)))
         )
         if not parts:
             continue

@@ -137,7 +137,7 @@ def _place(shift: float = 0.0, yaw: float = 0.0, scale: float = 1.0) -> Act:
 
     def act(desk: Desk) -> None:
         moving = desk.session.movement
-        before = moving.placement()
+        before = moving.find_placement()
         x, y, z = before.position
         moving.place(before, replace(before, position=(x + shift, y, z), yaw=before.yaw + yaw, scale=scale))
 

@@ -65,25 +65,29 @@ class Observer:
     def play(self) -> Iterator[None]:
         """All steps, each from the scene as it was opened."""
         session = self._desk.session
-        yield from self._measured("open", self._opened())
+        yield from self._measure("open", self._wait_until_open())
         session.navigation.look_from(session.state.viewpoint)
         for step in self._steps:
             for act in step.before:
-                yield from self._done(act)
+                yield from self._wait_until_done(act)
             cursor = self._desk.document.history.cursor
-            yield from self._measured(step.name, self._done(step.act))
+            yield from self._measure(step.name, self._wait_until_done(step.act))
             if step.edits and self._desk.document.history.cursor == cursor:
-                print(f"{step.name} was refused: {self._told()}", file=sys.stderr, flush=True)
+                print(f"{step.name} was refused: {self._describe()}", file=sys.stderr, flush=True)
             elif step.edits:
-                yield from self._measured(f"{step.name}, undo", self._done(lambda desk: desk.session.history.undo()))
-                yield from self._measured(f"{step.name}, redo", self._done(lambda desk: desk.session.history.redo()))
-            yield from self._done(lambda desk: desk.session.history.jump(0))
+                yield from self._measure(
+                    f"{step.name}, undo", self._wait_until_done(lambda desk: desk.session.history.undo())
+                )
+                yield from self._measure(
+                    f"{step.name}, redo", self._wait_until_done(lambda desk: desk.session.history.redo())
+                )
+            yield from self._wait_until_done(lambda desk: desk.session.history.jump(0))
 
     def close(self) -> None:
         """Let go of mouse and keys."""
         self._desk.hands.close()
 
-    def _measured(self, name: str, steps: Iterator[None]) -> Iterator[None]:
+    def _measure(self, name: str, steps: Iterator[None]) -> Iterator[None]:
         began, longest, busiest = time.perf_counter(), 0.0, 0.0
         started, worked = began, time.thread_time()
         for _ in steps:
@@ -96,12 +100,12 @@ class Observer:
         told = f"{1e3 * longest:8.1f} ms, {1e3 * busiest:6.1f} of CPU; done after {self.took[name]:5.2f} s: {name}"
         print(told, file=sys.stderr, flush=True)
 
-    def _opened(self) -> Iterator[None]:
+    def _wait_until_open(self) -> Iterator[None]:
         while self._desk.session.document is None:
             yield
         yield from self._calm()
 
-    def _done(self, act: Act) -> Iterator[None]:
+    def _wait_until_done(self, act: Act) -> Iterator[None]:
         going_on = act(self._desk)
         if going_on is not None:
             yield from going_on
@@ -117,7 +121,7 @@ class Observer:
             yield
         yield from frames(3)
 
-    def _told(self) -> str:
+    def _describe(self) -> str:
         log = self._desk.session.messages.log
         return log[-1].text if log else "nothing was told"
 

@@ -39,7 +39,7 @@ import tyro
 from benchmarks.fuzz_child import Line, Outcome, serve
 from benchmarks.fuzz_containers import inside
 from benchmarks.fuzz_mutations import BYTES, Damage
-from benchmarks.fuzz_seeds import Seed, all_seeds
+from benchmarks.fuzz_seeds import Seed, list_seeds
 
 HANG = 5.0
 """Seconds."""
@@ -183,7 +183,7 @@ class Reader:
 
     def _write_outside(self, case: Case) -> None:
         """Whole files to be found by names that lead out of the folder."""
-        whole = next(seed for seed in all_seeds() if (seed.kind, seed.name) == (case.seed.kind, case.seed.name))
+        whole = next(seed for seed in list_seeds() if (seed.kind, seed.name) == (case.seed.kind, case.seed.name))
         for name, data in whole.files.items():
             for place in (self._folder / "outside" / name, self._folder / name):
                 place.parent.mkdir(parents=True, exist_ok=True)
@@ -216,7 +216,7 @@ class Reader:
         with _environment(MALLOC_ARENA_MAX="1", OPENBLAS_NUM_THREADS="1", NUMBA_NUM_THREADS="1"):
             self._process.start()
         theirs.close()
-        for seed in all_seeds():  # what is imported or compiled on first use belongs to no file
+        for seed in list_seeds():  # what is imported or compiled on first use belongs to no file
             self.begin(Case(seed, "", False), seen)
             if not self.pipe.poll(_START):
                 raise SystemExit(f"the whole {seed.kind} {seed.name} was not read within {_START:g} s")
@@ -247,7 +247,7 @@ def _environment(**changed: str) -> Iterator[None]:
         os.environ |= before
 
 
-def judged(case: Case, outcome: Outcome, whole_files: Mapping[tuple[str, str], Outcome]) -> Outcome:
+def judge(case: Case, outcome: Outcome, whole_files: Mapping[tuple[str, str], Outcome]) -> Outcome:
     """`silent` where the damage had to show, changed what was read, and nothing was said."""
     if outcome.result != "read" or not case.must_show:
         return outcome
@@ -260,7 +260,7 @@ def judged(case: Case, outcome: Outcome, whole_files: Mapping[tuple[str, str], O
 def fuzz(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
     started = time.monotonic()
-    seeds = tuple(seed for seed in all_seeds() if not options.kinds or seed.kind in options.kinds)
+    seeds = tuple(seed for seed in list_seeds() if not options.kinds or seed.kind in options.kinds)
     corpus, seen = Corpus(seeds, random.Random(options.seed)), set[Line]()
     counts, per_kind = Counter[str](), Counter[tuple[str, str]]()
     slowest = peak = 0.0
@@ -315,7 +315,7 @@ def _outcomes(
                 assert case is not None
                 if outcome.result == "hang":
                     outcome = _again(reader, case, seen)
-                yield case, judged(case, outcome, reader.whole)
+                yield case, judge(case, outcome, reader.whole)
     finally:
         for reader in readers:
             reader.stop()

@@ -134,11 +134,11 @@ def serve(requests: Connection, seen: Iterable[Line], readers: Mapping[str, Call
             return
         os.chdir(folder)
         outside.watch(folder, kind)
-        outcome = _watched(readers[kind], Path(folder) / entry, size, tracer)
+        outcome = _watch(readers[kind], Path(folder) / entry, size, tracer)
         requests.send(replace(outcome, result="crash", detail=f"opened {outside.found}") if outside.found else outcome)
 
 
-def _watched(reader: Callable[[Path], Read], path: Path, size: int, tracer: LineTracer) -> Outcome:
+def _watch(reader: Callable[[Path], Read], path: Path, size: int, tracer: LineTracer) -> Outcome:
     gc.collect()
     gc.freeze()  # the next collection need not look at what stays
     limit = PER_BYTE * size + ALLOWANCE
@@ -157,7 +157,7 @@ def _watched(reader: Callable[[Path], Read], path: Path, size: int, tracer: Line
             result, detail = "silent", found.unreported
     except InstDriveError as error:
         result, detail = "refused", f"{type(error).__name__}: {error}"[:500]
-        if _came_from(error, MemoryError):
+        if _find_origin(error, MemoryError):
             result, detail = "overallocation", "".join(traceback.format_exception(error))[-3000:]
     except MemoryError as error:
         result, detail = "overallocation", "".join(traceback.format_exception(error))[-3000:]
@@ -174,7 +174,7 @@ def _watched(reader: Callable[[Path], Read], path: Path, size: int, tracer: Line
     return Outcome(result, detail, digest, reported, seconds, peak, lines)
 
 
-def _came_from(error: BaseException | None, kind: type[BaseException]) -> bool:
+def _find_origin(error: BaseException | None, kind: type[BaseException]) -> bool:
     while error is not None:
         if isinstance(error, kind) or kind.__name__ in str(error):
             return True

@@ -21,7 +21,7 @@ _FORWARD = {"w": 0.5**0.5, "x": -(0.5**0.5), "y": 0.0, "z": 0.0}
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
-def clip_seeds(seed: Callable[..., Any]) -> Iterator[Any]:
+def list_clip_seeds(seed: Callable[..., Any]) -> Iterator[Any]:
     """One of each kind; `seed` is `fuzz_seeds.Seed`."""
     pandaset = _pandaset()
     yield seed("pandaset", "clip", pandaset)

@@ -81,7 +81,7 @@ def _in_zip(data: bytes, rng: random.Random, depth: int) -> Damage:
             members += [(f"more{number}", b"") for number in range(rng.choice((1, 200, 2000)))]
             what = "more members"
         case 5:
-            return _flipped_members(data, rng)
+            return _flip_members(data, rng)
         case _:
             damage = inside(content, rng, depth + 1)
             members[row] = (name, damage.data)
@@ -99,7 +99,7 @@ def _in_zip(data: bytes, rng: random.Random, depth: int) -> Damage:
 def _zip_bomb(members: list[tuple[str, bytes]], row: int) -> bytes:
     """One member of zeros, a thousandth of what it unfolds to."""
     file = io.BytesIO()
-    packed, checksum = _deflated_zeros()
+    packed, checksum = _deflate_zeros()
     with zipfile.ZipFile(file, "w") as archive, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of names that stand twice
         for number, (name, content) in enumerate(members):
@@ -111,7 +111,7 @@ def _zip_bomb(members: list[tuple[str, bytes]], row: int) -> bytes:
 
 
 @cache
-def _deflated_zeros() -> tuple[bytes, int]:
+def _deflate_zeros() -> tuple[bytes, int]:
     """Zeros deflated without a header, and their CRC-32."""
     packer, checksum, parts = zlib.compressobj(1, zlib.DEFLATED, -15), 0, []
     for _ in range(BOMB // len(_ZEROS)):
@@ -123,7 +123,7 @@ def _deflated_zeros() -> tuple[bytes, int]:
 _ZEROS = bytes(1 << 24)
 
 
-def _flipped_members(data: bytes, rng: random.Random) -> Damage:
+def _flip_members(data: bytes, rng: random.Random) -> Damage:
     """A bit of a member's content is wrong, which its checksum shows."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         info = rng.choice([info for info in archive.infolist() if info.compress_size])
@@ -150,7 +150,7 @@ def _in_gzip(data: bytes, rng: random.Random, depth: int) -> Damage:
 
 
 def _gzip_bomb() -> bytes:
-    packed, checksum = _deflated_zeros()
+    packed, checksum = _deflate_zeros()
     return gzip.compress(b"", mtime=0)[:10] + packed + struct.pack("<II", checksum, BOMB)
 
 
@@ -206,7 +206,7 @@ def _in_safetensors(data: bytes, rng: random.Random, depth: int) -> Damage:
         changed = bytearray(body)
         changed[rng.randrange(len(body))] ^= 1 << rng.randrange(8)
         return Damage(data[: 8 + length] + bytes(changed), "a bit of the arrays flipped", True)
-    text = json.dumps(_changed_json(header, rng)).encode(errors="replace")
+    text = json.dumps(_change_json(header, rng)).encode(errors="replace")
     return Damage(struct.pack("<Q", len(text)) + text + body, "the arrays' header")
 
 
@@ -219,7 +219,7 @@ def _in_json(data: bytes, rng: random.Random, depth: int) -> Damage:
         return Damage(
             deep if place < 0 or rng.random() < 0.5 else data[: place + 1] + deep + data[place + 1 :], "nested"
         )
-    changed = _changed_json(json.loads(data), rng)
+    changed = _change_json(json.loads(data), rng)
     return Damage(json.dumps(changed).encode(errors="replace"), "a value of the JSON")
 
 
@@ -229,13 +229,13 @@ def _in_lines(data: bytes, rng: random.Random, depth: int) -> Damage:
     row = rng.randrange(len(rows))
     text = rows[row]
     has_sum = text[8:9] == b" " and text[:1] != b"{"
-    value = _changed_json(json.loads(text[9:] if has_sum else text), rng)
+    value = _change_json(json.loads(text[9:] if has_sum else text), rng)
     text = json.dumps(value).encode(errors="replace")
     rows[row] = b"%08x %s" % (zlib.crc32(text), text) if has_sum else text
     return Damage(b"\n".join(rows) + b"\n", f"line {row} of JSON")
 
 
-def _changed_json(value: Any, rng: random.Random) -> Any:
+def _change_json(value: Any, rng: random.Random) -> Any:
     """One place of it is something else, missing, or another place's."""
     value = copy.deepcopy(value)
     places = list(_places(value))

@@ -50,7 +50,7 @@ class Damage:
 Mutation = Callable[[bytes, random.Random], Damage]
 
 
-def cut(data: bytes, rng: random.Random) -> Damage:
+def cut_off(data: bytes, rng: random.Random) -> Damage:
     """The end is missing."""
     kept = rng.choice((rng.randrange(len(data)), len(data) - 1 - rng.randrange(min(len(data), 64)))) if data else 0
     return Damage(data[:kept], f"cut at {kept} of {len(data)}", not _is_unnoticeable_tail(data[kept:]))
@@ -149,7 +149,7 @@ def lines(data: bytes, rng: random.Random) -> Damage:
     return Damage(b"\n".join(rows), f"line {first}")
 
 
-def emptied(data: bytes, rng: random.Random) -> Damage:
+def empty_file(data: bytes, rng: random.Random) -> Damage:
     """Nothing is left, or only zeros."""
     return Damage(rng.choice((b"", bytes(len(data)), b"\n")), "emptied")
 
@@ -178,8 +178,8 @@ def ply_type(data: bytes, rng: random.Random) -> Damage:
 
 
 BYTES: tuple[Mutation, ...] = (
-    *(cut, cut, flip, flip, overwrite, insert, remove, repeat, integer, integer, small_step, small_step),
-    *(float_value, float_value, word, lines, emptied),
+    *(cut_off, cut_off, flip, flip, overwrite, insert, remove, repeat, integer, integer, small_step, small_step),
+    *(float_value, float_value, word, lines, empty_file),
 )
 """For any file; those that find most stand twice."""
 PLY: tuple[Mutation, ...] = (ply_count, ply_count, ply_type, word, lines, *[float_value] * 4)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.edit_street import edit_street
-from benchmarks.fuzz_clip_seeds import clip_seeds
+from benchmarks.edit_street import build_edit_street
+from benchmarks.fuzz_clip_seeds import list_clip_seeds
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
@@ -57,20 +57,25 @@ class Seed:
 
 
 @cache
-def all_seeds() -> tuple[Seed, ...]:
+def list_seeds() -> tuple[Seed, ...]:
     """At least one of each kind, always the same."""
     with TemporaryDirectory() as name:
-        return (*_scene_seeds(Path(name)), *_sog_seeds(), *_kept_edits(Path(name)), *clip_seeds(Seed))
+        return (
+            *_list_scene_seeds(Path(name)),
+            *_list_sog_seeds(),
+            *_list_edit_seeds(Path(name)),
+            *list_clip_seeds(Seed),
+        )
 
 
-def files_below(folder: Path) -> Files:
+def read_files_below(folder: Path) -> Files:
     """The content of a folder."""
     found = (file for file in sorted(folder.rglob("*")) if file.is_file())
     return {file.relative_to(folder).as_posix(): file.read_bytes() for file in found}
 
 
 def _small_street() -> Scene:
-    scene = edit_street(seed=3, ground=60, cars=2, actors=1, per_car=20)
+    scene = build_edit_street(seed=3, ground=60, cars=2, actors=1, per_car=20)
     camera = Camera(40.0, 40.0, 16.0, 9.0, 32, 18, np.eye(4))
     scene.views = tuple(CameraView(camera, "front", step, 0.1 * step, f"photo{step}.jpg", False) for step in range(2))
     scene.sky = Sky(np.full((6, 2, 2, 3), 0.5, np.float32))
@@ -79,7 +84,7 @@ def _small_street() -> Scene:
     return scene
 
 
-def _scene_seeds(folder: Path) -> Iterator[Seed]:
+def _list_scene_seeds(folder: Path) -> Iterator[Seed]:
     drive = _small_street()
     still = replace(freeze_at_time(drive, 0.2), views=(), sky=None, exposures=None)
 
@@ -89,18 +94,18 @@ def _scene_seeds(folder: Path) -> Iterator[Seed]:
 
     binary = written("ply", "binary.ply", lambda path: save_scene(path, still))
     yield binary
-    yield Seed("ply", "big.ply", {"big.ply": _as_ply(binary.files["binary.ply"], ">")}, "big.ply")
-    yield Seed("ply", "ascii.ply", {"ascii.ply": _as_ply(binary.files["binary.ply"], "=")}, "ascii.ply")
+    yield Seed("ply", "big.ply", {"big.ply": _convert_ply(binary.files["binary.ply"], ">")}, "big.ply")
+    yield Seed("ply", "ascii.ply", {"ascii.ply": _convert_ply(binary.files["binary.ply"], "=")}, "ascii.ply")
     yield written("ply", "plain.sibr.ply", lambda path: save_scene(path, still))
     yield written("compressed_ply", "packed.compressed.ply", lambda path: save_scene(path, still))
     yield written("splat", "scene.splat", lambda path: save_scene(path, still))
     for version in (1, 2, 3, 4):
         yield written("spz", f"v{version}.spz", lambda path, version=version: write_spz(path, still, version))
     save_scene(folder / "run", drive)
-    yield Seed("scene_folder", "run", files_below(folder / "run"))
+    yield Seed("scene_folder", "run", read_files_below(folder / "run"))
 
 
-def _as_ply(content: bytes, order: str) -> bytes:
+def _convert_ply(content: bytes, order: str) -> bytes:
     """A binary little-endian .ply as big-endian (``>``) or ASCII (``=``)."""
     header, mark, body = content.partition(b"end_header\n")
     kinds = {"float": "<f4", "uint": "<u4"}
@@ -113,11 +118,11 @@ def _as_ply(content: bytes, order: str) -> bytes:
     return header + mark + "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()).encode()
 
 
-def _sog_seeds() -> Iterator[Seed]:
+def _list_sog_seeds() -> Iterator[Seed]:
     rng = np.random.default_rng(5)
     modern, old = _sog_files(rng, 60, version=2), _sog_files(rng, 50, version=1)
     for name, method in (("stored.sog", zipfile.ZIP_STORED), ("deflated.sog", zipfile.ZIP_DEFLATED)):
-        yield Seed("sog", name, {name: zipped(modern, method)}, name)
+        yield Seed("sog", name, {name: zip_members(modern, method)}, name)
     yield Seed("sog_folder", "modern", modern)
     yield Seed("sog_folder", "old", old, "meta.json")
     leaves = [
@@ -142,7 +147,7 @@ def _sog_files(rng: np.random.Generator, count: int, version: int) -> Files:
     quats = np.c_[rng.integers(0, 256, (count, 3)), rng.integers(252, 256, count)]
     pixels = {name: rng.integers(0, 256, (count, 4)) for name in ("means_l", "means_u", "scales", "sh0")}
     pixels |= {"quats": quats, "labels": np.c_[labels % 256, labels // 256, np.zeros((count, 2))]}
-    files = {f"{name}.webp": _webp(_as_image(values)) for name, values in pixels.items()}
+    files = {f"{name}.webp": _webp(_build_image(values)) for name, values in pixels.items()}
     files["centroids.webp"] = _webp(rng.integers(0, 256, (2, 64 * 3, 4)).astype(np.uint8))
     codebook = np.sort(rng.normal(-3, 1, 256)).tolist()
     meta: dict[str, dict[str, Any]] = {name: {"files": [f"{name}.webp"]} for name in ("scales", "quats", "sh0")}
@@ -159,7 +164,7 @@ def _sog_files(rng: np.random.Generator, count: int, version: int) -> Files:
     return files | {"meta.json": json.dumps(meta).encode()}
 
 
-def _as_image(values: np.ndarray) -> np.ndarray:
+def _build_image(values: np.ndarray) -> np.ndarray:
     image = np.zeros((-(-len(values) // 16) * 16, 4), np.uint8)
     image[: len(values)] = values
     return image.reshape(-1, 16, 4)
@@ -171,7 +176,7 @@ def _webp(pixels: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-def zipped(members: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
+def zip_members(members: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
     """An archive; equal content gives equal bytes."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
@@ -180,7 +185,7 @@ def zipped(members: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> 
     return file.getvalue()
 
 
-def _kept_edits(folder: Path) -> Iterator[Seed]:
+def _list_edit_seeds(folder: Path) -> Iterator[Seed]:
     scene = replace(freeze_at_time(_small_street(), 0.2), views=(), sky=None, exposures=None)
     base = folder / "kept" / "street.splat"
     base.parent.mkdir()
@@ -193,7 +198,7 @@ def _kept_edits(folder: Path) -> Iterator[Seed]:
     document.undo()
     project = base.with_name("a.instdrive")
     save_project(project, document, {"camera": [1.0, 2.0], "time": 0.5})
-    yield Seed("project", "project", files_below(base.parent), project.name)
+    yield Seed("project", "project", read_files_below(base.parent), project.name)
     yield Seed(
         "journal", "session", {base.name: base.read_bytes(), **_session(folder / "session", base, document)}, "session"
     )
@@ -214,7 +219,7 @@ def _session(folder: Path, base: Path, document: Document) -> Files:
     journal.append({"saved": None})
     journal.close()
     write_session(folder, Path(base.name), record_source(get_sources(document).base, base))
-    files = {f"session/{name}": data for name, data in files_below(folder).items()}
+    files = {f"session/{name}": data for name, data in read_files_below(folder).items()}
     # The path is the temporary folder's otherwise, and no two runs would damage the same bytes.
     entry = json.loads(files["session/session.json"])
     entry |= {"path": base.name, "pid": 1}

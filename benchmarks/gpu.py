@@ -20,7 +20,7 @@ import numpy as np
 import torch
 import tyro
 
-from benchmarks.train_step import model_of
+from benchmarks.train_step import build_workload_model
 from benchmarks.workload import load_workload
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
@@ -59,7 +59,7 @@ class Options:
     """Steps before them."""
 
 
-def configured(feature_dim: int, with_instances: bool) -> TrainConfig:
+def build_config(feature_dim: int, with_instances: bool) -> TrainConfig:
     """The RGB stage at full resolution, spherical harmonics of degree 3, with or without the instance losses in it."""
     config = build_train_config("instdrive", "paper")
     return replace(
@@ -77,7 +77,7 @@ def configured(feature_dim: int, with_instances: bool) -> TrainConfig:
 def workload_trainer(options: Options, config: TrainConfig, backend: Backend) -> Trainer:
     """The shared workload with photos of noise."""
     workload = load_workload(options.workload, options.state)
-    model = model_of(workload)
+    model = build_workload_model(workload)
     features = np.random.default_rng(0).normal(0, 0.1, (len(model), options.feature_dim))
     model.parameters["features"] = torch.from_numpy(features.astype(np.float32))
     views = [noise_view(camera, number) for number, camera in enumerate(workload.cameras)]
@@ -109,18 +109,18 @@ def clip_trainer(options: Options, path: Path, config: TrainConfig, backend: Bac
     return build_trainer_from_clip(config, clip, store, backend)
 
 
-def steps_per_second(trainer: Trainer, warm_up: int, steps: int) -> float:
+def measure_steps_per_second(trainer: Trainer, warm_up: int, steps: int) -> float:
     """Training speed of the RGB stage, once photos have been read and kernels compiled."""
     start = 0.0
     for number in range(warm_up + steps):
         if number == warm_up:
-            start = finished(trainer)
+            start = finish_run(trainer)
         trainer.rgb_step()
         trainer.iteration += 1
-    return steps / (finished(trainer) - start)
+    return steps / (finish_run(trainer) - start)
 
 
-def finished(trainer: Trainer) -> float:
+def finish_run(trainer: Trainer) -> float:
     """The clock's time once the device has done all it was told."""
     if trainer.backend.device.type == "cuda":
         torch.cuda.synchronize(trainer.backend.device)
@@ -132,13 +132,13 @@ def measure(options: Options) -> dict[str, object]:
     backend, rates, trainer = choose_backend(options.device), [], None
     with tempfile.TemporaryDirectory() as folder:
         for with_instances in (False, True):
-            config = configured(options.feature_dim, with_instances)
+            config = build_config(options.feature_dim, with_instances)
             if options.clip is None:
                 trainer = workload_trainer(options, config, backend)
             else:
                 trainer = clip_trainer(options, options.clip, config, backend, folder)
             with trainer.store:
-                rates.append(steps_per_second(trainer, options.warm_up, options.steps))
+                rates.append(measure_steps_per_second(trainer, options.warm_up, options.steps))
     assert trainer is not None
     camera = trainer.store.facts[0].camera
     return {

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.edit_street import edit_street
+from benchmarks.edit_street import build_edit_street
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select_rows import SelectRows
@@ -67,8 +67,8 @@ class ProjectSaves(Target):
     def found(self, folder: Path) -> int:
         document, view = open_document(folder / self.name)
         number = view["generation"] if view else -1
-        if _edits_of(document) != number:
-            raise TornError(f"generation {number} holds {_edits_of(document)} edits")
+        if _list_edits(document) != number:
+            raise TornError(f"generation {number} holds {_list_edits(document)} edits")
         return number
 
 
@@ -80,13 +80,13 @@ class Exports(Target):
 
     def generations(self, folder: Path) -> Iterator[int]:
         for number in itertools.count():
-            save_scene(folder / self.name, _numbered_scene(number))
+            save_scene(folder / self.name, _build_numbered_scene(number))
             yield number
 
     def found(self, folder: Path) -> int:
         scene = open_scene(folder / self.name)
         number = int(scene.gaussians.means[0, 0])
-        expected = _numbered_scene(number).gaussians
+        expected = _build_numbered_scene(number).gaussians
         same = [np.array_equal(array, getattr(expected, name)) for name, array in scene.gaussians.arrays().items()]
         if not all(same):
             raise TornError(f"generation {number} holds other numbers, too")
@@ -111,7 +111,7 @@ class Autosave(Target):
             return -1
         restored = restore_session(sessions[0])
         try:
-            return _edits_of(restored.document)
+            return _list_edits(restored.document)
         finally:
             restored.remove()
 
@@ -129,7 +129,7 @@ TARGETS: dict[str, tuple[Target, ...]] = {
 
 def prepare(folder: Path) -> None:
     """What the targets start from."""
-    save_scene(folder / "street", edit_street())
+    save_scene(folder / "street", build_edit_street())
 
 
 def run_until_killed(target: Target, folder: Path, connection: Connection) -> None:
@@ -150,7 +150,7 @@ def _edit(document: Document, number: int) -> None:
     document.apply(SelectRows(np.arange(number % 7, len(document.scene), step)))
 
 
-def _edits_of(document: Document) -> int:
+def _list_edits(document: Document) -> int:
     """The last generation whose edits are there, all earlier ones before them. Raises TornError."""
     edits = document.history.done
     names = [edit.name for edit in edits[::2] if isinstance(edit, RenameInstance)]
@@ -159,8 +159,8 @@ def _edits_of(document: Document) -> int:
     return len(edits) // 2 - 1
 
 
-def _numbered_scene(number: int) -> Scene:
-    scene = edit_street(ground=8000, cars=20)
+def _build_numbered_scene(number: int) -> Scene:
+    scene = build_edit_street(ground=8000, cars=20)
     for array in scene.gaussians.arrays().values():
         array += np.float32(number)
     scene.gaussians.means[0, 0] = number

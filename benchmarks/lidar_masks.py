@@ -58,7 +58,7 @@ class PhotoScores:
     sky_iou: float | None
 
 
-def truth_of(clip: Clip) -> GroundTruth:
+def open_truth(clip: Clip) -> GroundTruth:
     """Exact labels, else ones made of the annotations that may train."""
     return ExactLabels(clip.path) if has_exact_labels(clip.path) else AnnotationLabels(clip, held_out=False)
 
@@ -80,7 +80,7 @@ def score_photo(truth: GroundTruth, masks: LabelSource, frame: Frame) -> PhotoSc
     )
 
 
-def figures(photos: Sequence[PhotoScores]) -> dict[str, float]:
+def compute_figures(photos: Sequence[PhotoScores]) -> dict[str, float]:
     """Means over photos, things and masks."""
     is_thing = np.concatenate([one.is_thing for one in photos])
     best = np.concatenate([one.best_iou for one in photos])
@@ -98,18 +98,18 @@ def figures(photos: Sequence[PhotoScores]) -> dict[str, float]:
     }
 
 
-def picture(truth: GroundTruth, masks: LabelSource, frames: Sequence[Frame]) -> UInt8[ndarray, "h w 3"]:
+def draw_picture(truth: GroundTruth, masks: LabelSource, frames: Sequence[Frame]) -> UInt8[ndarray, "h w 3"]:
     """A row for each photo: the photo, the masks, the ground truth."""
     rows = []
     for frame in frames:
         image, sky = frame.load_image(), truth.load_sky(frame)
-        own = _painted(image, masks.load(frame), masks.load_sky(frame))
-        known = _painted(image, truth.load(frame), np.zeros(image.shape[:2], bool) if sky is None else sky)
+        own = _paint(image, masks.load(frame), masks.load_sky(frame))
+        known = _paint(image, truth.load(frame), np.zeros(image.shape[:2], bool) if sky is None else sky)
         rows.append(np.hstack([image, own, known]))
     return np.vstack(rows)
 
 
-def _painted(
+def _paint(
     image: UInt8[ndarray, "h w 3"], labels: UInt32[ndarray, "h w"], sky: Bool[ndarray, "h w"]
 ) -> UInt8[ndarray, "h w 3"]:
     """A photo under its masks, with white borders."""
@@ -132,7 +132,7 @@ def main(options: Options) -> dict[str, object]:
     frames = clip.training_frames[:: options.every]
     for frame in frames[:1]:
         masks.load(frame)  # compiles
-    truth, photos, seconds = truth_of(clip), [], 0.0
+    truth, photos, seconds = open_truth(clip), [], 0.0
     for frame in frames:
         begun = time.perf_counter()
         masks.load(frame)
@@ -143,14 +143,14 @@ def main(options: Options) -> dict[str, object]:
     if options.picture is not None:
         middle = frames[len(frames) // 2].view.index
         shown = [frame for frame in clip.training_frames if frame.view.index == middle]
-        Image.fromarray(picture(truth, masks, shown)).resize(
+        Image.fromarray(draw_picture(truth, masks, shown)).resize(
             (PICTURE_WIDTH, round(PICTURE_WIDTH / 3 * 9 / 16) * len(shown)), Image.Resampling.LANCZOS
         ).save(options.picture, quality=80)
     return {
         "clip": clip.name,
         "truth": truth.source,
         "photos": len(photos),
-        **{name: round(value, 4) for name, value in figures(photos).items()},
+        **{name: round(value, 4) for name, value in compute_figures(photos).items()},
         "scene_seconds": round(prepared - start, 2),
         "seconds_per_photo": round(seconds / max(1, len(frames)), 3),
     }

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import gc
 import json
-import os
 import statistics
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import psutil
 import tyro
 from tyro.conf import Positional
 
@@ -92,8 +92,7 @@ class Gauge:
 
 def resident_megabytes() -> float:
     """Memory of this process that is in RAM now."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return psutil.Process().memory_info().rss / 2**20
 
 
 def run_editing(options: Editing) -> dict[str, object]:

@@ -101,7 +101,7 @@ class Monkey:
         if fingerprint(document) != before:
             self.problems.append("redoing and undoing everything does not restore what was opened")
         yield from self._frames(3)
-        self._told()
+        self._describe()
         self._leaks()
 
     def _jump(self, cursor: int) -> Iterator[None]:
@@ -149,12 +149,12 @@ class Monkey:
         name = self._random.choice(names)
         left, top, right, bottom = self._window.ui.marks.get(name, (0.0, 0.0, 0.0, 0.0))
         x, y = self._random.uniform(left, right), self._random.uniform(top, bottom)
-        yield from self._clicked(x, y, self._random.choices((1, 3), (6, 1))[0])
+        yield from self._click_somewhere(x, y, self._random.choices((1, 3), (6, 1))[0])
 
     def _click_picture(self) -> Iterator[None]:
-        yield from self._clicked(*self._place(), self._random.choices((1, 3), (5, 1))[0])
+        yield from self._click_somewhere(*self._place(), self._random.choices((1, 3), (5, 1))[0])
 
-    def _clicked(self, x: float, y: float, button: int) -> Iterator[None]:
+    def _click_somewhere(self, x: float, y: float, button: int) -> Iterator[None]:
         for key in ("shift", "ctrl", "alt"):
             if self._random.random() < 0.12:
                 self._hands.hold(key)
@@ -168,7 +168,7 @@ class Monkey:
         self._hands.let_go()
 
     def _drag(self) -> Iterator[None]:
-        yield from self._dragged(*self._place(), self._random.choices((1, 2, 3), (4, 1, 1))[0])
+        yield from self._drag_somewhere(*self._place(), self._random.choices((1, 2, 3), (4, 1, 1))[0])
 
     def _drag_widget(self) -> Iterator[None]:
         """From a handle of the gizmo, where there are any, else from a number, a slider or a row."""
@@ -179,9 +179,9 @@ class Monkey:
         )
         if names:
             left, top, right, bottom = marks[self._random.choice(names)]
-            yield from self._dragged((left + right) / 2, (top + bottom) / 2, 1)
+            yield from self._drag_somewhere((left + right) / 2, (top + bottom) / 2, 1)
 
-    def _dragged(self, x: float, y: float, button: int) -> Iterator[None]:
+    def _drag_somewhere(self, x: float, y: float, button: int) -> Iterator[None]:
         self._hands.move(x, y)
         yield from self._frames(2)
         self._hands.press(button)
@@ -261,7 +261,7 @@ class Monkey:
         if fault is not None:
             self.problems.append(f"OpenGL reports {fault}")
 
-    def _told(self) -> None:
+    def _describe(self) -> None:
         errors = [message.text for message in self._session.messages.log if message.level is Level.ERROR]
         self.problems += [text for text in errors if "report" in text]
 

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import tyro
 
-from benchmarks.edit_street import edit_street
+from benchmarks.edit_street import build_edit_street
 from benchmarks.kill_targets import ACKNOWLEDGED, TARGETS, Autosave, Target, TornError, prepare, run_until_killed
 from benchmarks.random_edits import RandomEdits
 from instdrive_core.edits.document.document import Document
@@ -70,7 +70,7 @@ def kill_one(target: Target, folder: Path, after: float, counts: Counter[str]) -
     process.kill()
     killed = time.monotonic()
     process.join()
-    told = _told(receiver)
+    told = _describe(receiver)
     counts["left_by_kills"] += len(_temporaries(folder))
     try:
         found = target.found(folder)
@@ -92,7 +92,7 @@ def _is_enough(target: Target, found: int, told: list[tuple[int, float]], killed
     return max(missing, default=0) < ACKNOWLEDGED_AGE
 
 
-def _told(receiver: Connection) -> list[tuple[int, float]]:
+def _describe(receiver: Connection) -> list[tuple[int, float]]:
     told = []
     try:
         while True:
@@ -125,7 +125,7 @@ def full_disks(count: int, seed: int) -> int:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        save_scene(folder / "street", edit_street())
+        save_scene(folder / "street", build_edit_street())
         document, _ = open_document(folder / "street")
         edits = RandomEdits(document, str(folder / "street"), seed)
         for number in range(count):
@@ -147,7 +147,7 @@ def full_disks(count: int, seed: int) -> int:
 def _save(path: Path, document: Document, seed: int) -> None:
     if path.suffix == ".instdrive":
         return save_project(path, document, {"seed": seed})
-    scene = edit_street(seed, actors=0)
+    scene = build_edit_street(seed, actors=0)
     scene.extra = {}
     return save_scene(path, scene)
 
@@ -162,8 +162,8 @@ def replays(edits: int, seed: int) -> dict[str, object]:
     """Random edits, saved and reopened, undone and redone one by one; whether every bit is the same each time."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        save_scene(folder / "street", edit_street())
-        save_scene(folder / "car", edit_street(seed=1, ground=0, cars=1, actors=1, per_car=20))
+        save_scene(folder / "street", build_edit_street())
+        save_scene(folder / "car", build_edit_street(seed=1, ground=0, cars=1, actors=1, per_car=20))
         document, _ = open_document(folder / "street")
         drawn = RandomEdits(document, str(folder / "car"), seed)
         digests, kinds = {0: fingerprint(document)}, Counter[str]()

@@ -51,7 +51,7 @@ def difference(left: float | None, right: float | None) -> float | None:
     return left - right if left is not None and right is not None else None
 
 
-def shown(number: float | str | None, digits: int = 3) -> str:
+def format_value(number: float | str | None, digits: int = 3) -> str:
     """A number for readers."""
     if number is None:
         return "–"
@@ -60,12 +60,12 @@ def shown(number: float | str | None, digits: int = 3) -> str:
     return f"{number:,}" if isinstance(number, int) else f"{number:.{digits}f}"
 
 
-def spread(numbers: Sequence[float | None], digits: int = 3) -> str:
+def format_spread(numbers: Sequence[float | None], digits: int = 3) -> str:
     """Mean ± sample standard deviation of the numbers there are; says how many where some are missing."""
     known = [number for number in numbers if number is not None]
     if not known:
         return "–"
-    text = shown(float(mean(known)), digits)
+    text = format_value(float(mean(known)), digits)
     if len(known) > 1:
         text += f" ± {stdev(known):.{digits}f}"
     return text if len(known) == len(numbers) else f"{text} ({len(known)} of {len(numbers)})"

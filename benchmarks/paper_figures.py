@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float32, UInt8, UInt32
 from numpy import ndarray
 from scipy.ndimage import binary_dilation
 
-from benchmarks.picture_layout import banner, beside, fitted, save_jpeg
+from benchmarks.picture_layout import banner, beside, fit_picture, save_jpeg
 from instdrive_core.baselines.codeword_instances import assign_instances_by_codeword
 from instdrive_core.datasets.clip import Clip, Frame, Sweep, is_held_out
 from instdrive_core.errors import DataError
@@ -73,12 +73,12 @@ def camera_grid(clip: Clip, shown: Sequence[Shown]) -> tuple[UInt8[ndarray, "h w
     """All cameras of the middle held-out time step. `shown`: Gaussian Grouping, OpenGaussian, ours."""
     frames = {frame.view.name: frame for frame in _middle(clip)}
     grouping, opengaussian, ours = shown
-    blocks = [_titled_grid("photo", frames, lambda frame: frame.load_image())]
+    blocks = [_draw_titled_grid("photo", frames, lambda frame: frame.load_image())]
     fronts = []
     for each in (grouping, opengaussian, ours):
         scene = each.scene()
         if each is not grouping:
-            blocks.append(_titled_grid(each.title, frames, lambda frame, scene=scene: id_picture(scene, frame)))
+            blocks.append(_draw_titled_grid(each.title, frames, lambda frame, scene=scene: id_picture(scene, frame)))
         front = frames.get("front_camera", next(iter(frames.values())))
         fronts.append(banner(id_picture(scene, front), f"front: {each.title}"))
     blocks.append(beside(fronts))
@@ -99,7 +99,7 @@ def id_picture(scene: Scene, frame: Frame) -> UInt8[ndarray, "h w 3"]:
     return (colors * (0.6 + 0.4 * gray)).astype(np.uint8)
 
 
-def _titled_grid(
+def _draw_titled_grid(
     title: str, frames: dict[str, Frame], picture: Callable[[Frame], UInt8[ndarray, "h w 3"]]
 ) -> UInt8[ndarray, "h w 3"]:
     first = next(iter(frames.values())).view.camera
@@ -186,9 +186,11 @@ def cutouts(clip: Clip, shown: Sequence[Shown]) -> tuple[UInt8[ndarray, "h w 3"]
     columns = []
     for subject in subjects:
         window = _window(subject.mask)
-        photo = _outlined(subject.frame.load_image(), subject.mask)[window]
+        photo = _outline(subject.frame.load_image(), subject.mask)[window]
         alone = _alone(scene, subject)[window]
-        columns.append(banner(np.concatenate([fitted(photo, 360, 270), fitted(alone, 360, 270)]), subject.title))
+        columns.append(
+            banner(np.concatenate([fit_picture(photo, 360, 270), fit_picture(alone, 360, 270)]), subject.title)
+        )
     titles = ", ".join(subject.title for subject in subjects)
     caption = (
         f"{clip.name}: {titles}. Above, held-out photos with the object outlined; below, the instance that most of its "
@@ -237,7 +239,7 @@ def _window(mask: Bool[ndarray, "h w"], aspect: float = 4 / 3) -> tuple[slice, s
     return slice(top, top + height), slice(left, left + width)
 
 
-def _outlined(photo: UInt8[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
+def _outline(photo: UInt8[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
     border = binary_dilation(mask) & ~mask
     return np.where(border[..., None], np.array([255, 40, 40], np.uint8), photo)
 

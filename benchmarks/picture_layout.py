@@ -32,7 +32,7 @@ def beside(pictures: Sequence[UInt8[ndarray, "h w 3"]]) -> UInt8[ndarray, "h k 3
     return np.concatenate(parts[:-1], axis=1)
 
 
-def fitted(picture: UInt8[ndarray, "h w 3"], width: int, height: int) -> UInt8[ndarray, "height width 3"]:
+def fit_picture(picture: UInt8[ndarray, "h w 3"], width: int, height: int) -> UInt8[ndarray, "height width 3"]:
     """The picture scaled into a white frame, its proportions kept."""
     scale = min(width / picture.shape[1], height / picture.shape[0])
     size = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))

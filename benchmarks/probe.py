@@ -1,6 +1,6 @@
 """What this machine can do at most, and how much a frame asks of it.
 
-`share_forward` of a benchmark is (evaluations of the frame / seconds of the forward pass) / `gaussian_pixel_rate()`:
+`share_forward` of a benchmark is (evaluations of the frame / seconds of the forward pass) / `measure_pixel_rate()`:
 1 would be a rasterizer that projects, sorts, bins and moves memory in no time.
 """
 
@@ -49,7 +49,7 @@ _ROW = np.uint64(TILE)
 _SLOPE, _X, _XX, _FIRST, _SPLAT = (np.uint64(place) for place in (16, 32, 33, 34, 48))
 
 
-def gaussian_pixel_rate(seconds: float = 1.0) -> float:
+def measure_pixel_rate(seconds: float = 1.0) -> float:
     """Gaussian-pixel evaluations per second at best, with `numba.get_num_threads()` threads.
 
     Each thread blends a few hundred splats that cover all of one tile, staged beforehand, so that everything lies in
@@ -69,15 +69,15 @@ def gaussian_pixel_rate(seconds: float = 1.0) -> float:
     return threads * _ROUNDS * _SPLATS * TILE * TILE / best
 
 
-def evaluations(workload: Workload, camera: Camera) -> int:
-    """Gaussian-pixel evaluations that a frame of a workload needs with tight bounds (see `tight_evaluations`)."""
+def count_evaluations(workload: Workload, camera: Camera) -> int:
+    """Gaussian-pixel evaluations that a frame of a workload needs with tight bounds (see `count_tight_evaluations`)."""
     projection = project(
         workload.means, workload.quats, workload.log_scales, workload.opacities, camera, DEFAULT_SETTINGS
     )
-    return tight_evaluations(projection, camera.width, camera.height)
+    return count_tight_evaluations(projection, camera.width, camera.height)
 
 
-def tight_evaluations(projection: Projection, width: int, height: int) -> int:
+def count_tight_evaluations(projection: Projection, width: int, height: int) -> int:
     """Gaussian-pixel evaluations with tight bounds, whether or not pixels are finished early.
 
     The pixel rows that the bounding box of a splat's visible ellipse (alpha ≥ min_alpha) crosses, times sixteen for
@@ -88,7 +88,7 @@ def tight_evaluations(projection: Projection, width: int, height: int) -> int:
     return int((TILE * rows * tiles)[(rows > 0) & (end_x > first_x)].sum())
 
 
-def visible_fragments(projection: Projection, width: int, height: int) -> int:
+def count_visible_fragments(projection: Projection, width: int, height: int) -> int:
     """Pixel centres inside the ellipses themselves: what no rasterizer can do without, but for finished pixels."""
     boxes = np.concatenate(_boxes(projection, width, height)).T
     counts = np.zeros(len(boxes), np.int64)

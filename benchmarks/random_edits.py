@@ -70,7 +70,7 @@ class RandomEdits:
 
     def _kind(self) -> str:
         document = self._document
-        deleted = len(document.state.rows_with(Flag.DELETED)) / len(document.scene)
+        deleted = len(document.state.find_rows(Flag.DELETED)) / len(document.scene)
         room = self._first_count + ROOM + SPLATS_PER_EDIT * document.history.cursor - len(document.scene)
         is_spared = deleted > MAX_DELETED and self._rng.random() > _STILL_DELETED
         refused = (*(_ADDING if room < 0 else ()), *(_DELETING if is_spared else ()))

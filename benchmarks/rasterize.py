@@ -17,7 +17,7 @@ import numba
 import numpy as np
 import tyro
 
-from benchmarks.probe import evaluations, gaussian_pixel_rate
+from benchmarks.probe import count_evaluations, measure_pixel_rate
 from benchmarks.workload import Workload, load_workload
 from instdrive_core.errors import InstDriveError, OptionError
 from instdrive_core.rasterize.render import render, render_backward
@@ -65,7 +65,7 @@ def main(options: Options) -> None:
     """Measure and print one JSON line."""
     workload = load_workload(options.workload, options.state)
     forward, backward = measure(workload, options.channels, options.runs)
-    rate, needed = gaussian_pixel_rate(), evaluations(workload, workload.cameras[0])
+    rate, needed = measure_pixel_rate(), count_evaluations(workload, workload.cameras[0])
     figures = {
         "workload": options.workload,
         "state": options.state,

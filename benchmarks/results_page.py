@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from benchmarks.cells import CAMERA_SETS, HEADLINE_SEEDS, LOSSES, PANDASET, PRINTED_ITERATIONS, SCALED, STREET, TUNED_ON
-from benchmarks.outcomes import PUBLISHED, SPLIT, Figures, Results, difference, shown, spread, table, value
+from benchmarks.outcomes import (
+    PUBLISHED,
+    SPLIT,
+    Figures,
+    Results,
+    difference,
+    format_spread,
+    format_value,
+    table,
+    value,
+)
 from benchmarks.results_targets import targets_table
 
 NOTES_START, NOTES_END = "<!-- notes by hand: kept when this page is made again -->", "<!-- end of notes -->"
@@ -70,7 +80,7 @@ def page(results: Results, notes: str = "") -> str:
         _introduction(results),
         _headline(results),
         _cameras(results),
-        _recorded(results),
+        _read_recorded(results),
         _ablations(results),
         _lidar_and_selection(results),
         _cost(results),
@@ -93,9 +103,9 @@ def _introduction(results: Results) -> str:
         threads=all_of("threads"),
         machines=all_of("machine"),
         dates=all_of("date"),
-        seeds=_listed(HEADLINE_SEEDS),
-        tuned=_listed(TUNED_ON),
-        untouched=_listed([seed for seed in HEADLINE_SEEDS if seed not in TUNED_ON]),
+        seeds=_list_names(HEADLINE_SEEDS),
+        tuned=_list_names(TUNED_ON),
+        untouched=_list_names([seed for seed in HEADLINE_SEEDS if seed not in TUNED_ON]),
     )
 
 
@@ -106,12 +116,12 @@ def _headline(results: Results) -> str:
     rows = []
     for title, method, variant, row in METHOD_ROWS:
         of_streets = [results.figures(*street, method, variant, row) for street in streets.values()]
-        single = [shown(value(figures, "scene.miou")) for figures in of_streets]
-        means = [spread([value(figures, key) for figures in of_streets]) for key in keys.values()]
+        single = [format_value(value(figures, "scene.miou")) for figures in of_streets]
+        means = [format_spread([value(figures, key) for figures in of_streets]) for key in keys.values()]
         rows.append([title, *means, *single])
     ours = [results.figures(*street, "instdrive") for street in streets.values()]
-    bounds = [spread([value(figures, f"scene.oracle_{key}") for figures in ours]) for key in ("miou", "pq")]
-    single = [shown(value(figures, "scene.oracle_miou")) for figures in ours]
+    bounds = [format_spread([value(figures, f"scene.oracle_{key}") for figures in ours]) for key in ("miou", "pq")]
+    single = [format_value(value(figures, "scene.oracle_miou")) for figures in ours]
     rows.append(["*oracle: true IDs*", *bounds, "–", "–", *single])
     head = ["six cameras, `sam-v1`", *keys, *(f"mIoU, {title}" for title in streets)]
     return (
@@ -129,7 +139,7 @@ def _cameras(results: Results) -> str:
     ]
     rows += _control_rows(results, places)
     oracle = [value(results.figures(*place, "instdrive"), "scene.oracle_miou") for place in places]
-    rows.append(["*oracle*", *(cell for number in oracle for cell in ("–", "–", shown(number), "–"))])
+    rows.append(["*oracle*", *(cell for number in oracle for cell in ("–", "–", format_value(number), "–"))])
     head[0] = f"street, seed {HEADLINE_SEEDS[0]}"
     reference = table(
         ["paper's own, other data", *(f"{count} cam. {name}" for count in ("1", "6") for name in ("mIoU", "mAcc"))],
@@ -147,7 +157,7 @@ def _cameras(results: Results) -> str:
 
 
 def _maps(figures: Figures) -> list[str]:
-    return [shown(value(figures, key)) for key in MAP_KEYS.values()]
+    return [format_value(value(figures, key)) for key in MAP_KEYS.values()]
 
 
 def _control_rows(results: Results, places: Sequence[tuple[str, str, str]]) -> list[list[str]]:
@@ -156,7 +166,7 @@ def _control_rows(results: Results, places: Sequence[tuple[str, str, str]]) -> l
     return [[f"*{name}*", *(cell for each in controls for cell in _maps(each.get(name, {})))] for name in names]
 
 
-def _recorded(results: Results) -> str:
+def _read_recorded(results: Results) -> str:
     keys = MAP_KEYS | {"PQ": "scene.pq", "AP50": "lidar.ap50", "point mIoU": "lidar.miou", "hit rate": "click.hit_rate"}
     keys |= {"PSNR": "psnr"}
     parts = []
@@ -167,7 +177,9 @@ def _recorded(results: Results) -> str:
         for title, method, variant, kind in chosen:
             figures = results.figures(*place, method, variant, kind)
             digits = [2 if key == "psnr" else 3 for key in keys.values()]
-            rows.append([title, *(shown(value(figures, k), d) for k, d in zip(keys.values(), digits, strict=True))])
+            rows.append(
+                [title, *(format_value(value(figures, k), d) for k, d in zip(keys.values(), digits, strict=True))]
+            )
         rows += [[*row, *["–"] * (len(keys) - len(MAP_KEYS))] for row in _control_rows(results, [place])]
         note = " (*privileged*: ground truth comes from the same annotations)" if masks == "annotations" else ""
         parts.append(f"Masks `{masks}`{note}:\n\n{table(['PandaSet 002, 6 cameras', *keys], rows)}")
@@ -175,7 +187,7 @@ def _recorded(results: Results) -> str:
             value(results.figures(*place, "instdrive"), "scene.miou"),
             value(results.figures(*place, "opengaussian"), "scene.miou"),
         )
-        parts.append(f"Scene mIoU above OpenGaussian, split: {shown(lead)} (target ≥ 0.10).")
+        parts.append(f"Scene mIoU above OpenGaussian, split: {format_value(lead)} (target ≥ 0.10).")
     return "## PandaSet 002\n\n" + "\n\n".join(parts)
 
 
@@ -194,7 +206,7 @@ def _ablations(results: Results) -> str:
                 variants[name] = f"{base}+{change}"
         place = (STREET, "6", "sam-v1")
         measured = {name: results.figures(*place, method, variant) for name, variant in variants.items()}
-        rows = [[name, *(shown(value(f, key)) for key in keys.values())] for name, f in measured.items()]
+        rows = [[name, *(format_value(value(f, key)) for key in keys.values())] for name, f in measured.items()]
         parts.append(table([f"`--method {method}`", *keys], rows))
         parts.append(voxel_sentence(measured[title], measured["without voxel"]))
     parts.append(
@@ -247,15 +259,16 @@ def _lidar_and_selection(results: Results) -> str:
     keys |= {"things": "scene.miou_things", "stuff": "scene.miou_stuff"}
     for name, place in places.items():
         rows = [
-            [title, *(shown(value(results.figures(*place, method, variant, row), key)) for key in keys.values())]
+            [title, *(format_value(value(results.figures(*place, method, variant, row), key)) for key in keys.values())]
             for title, method, variant, row in METHOD_ROWS
         ]
         controls = results.outcomes.get("/".join([*place, "instdrive"]), {}).get("controls", {})
         rows += [
-            [f"*{title}*", *(shown(value(each, key)) for key in keys.values())] for title, each in controls.items()
+            [f"*{title}*", *(format_value(value(each, key)) for key in keys.values())]
+            for title, each in controls.items()
         ]
         ours = results.figures(*place, "instdrive")
-        rows.append(["*oracle*", *(shown(value(ours, oracle_key(key))) for key in keys.values())])
+        rows.append(["*oracle*", *(format_value(value(ours, oracle_key(key))) for key in keys.values())])
         parts.append(table([name, *keys], rows))
     parts.append("Things, stuff: scene mIoU of each. Shared codes: codes that count for several objects.")
     return "\n\n".join(parts)
@@ -279,7 +292,9 @@ def _cost(results: Results) -> str:
             "printed forms": f"{clip}/6/{masks}/paper",
         }.items():
             outcome = results.outcomes.get(name, {})
-            figures = [shown(outcome.get(key), 0) for key in ("train_seconds", "peak_rss_mb", "n_gaussians", "seconds")]
+            figures = [
+                format_value(outcome.get(key), 0) for key in ("train_seconds", "peak_rss_mb", "n_gaussians", "seconds")
+            ]
             rows.append([f"{clip}: {title}", *figures])
     total = sum(outcome.get("seconds", 0.0) for outcome in results.outcomes.values())
     head = ["6 cameras", "training (s)", "peak memory (MB)", "Gaussians", "whole cell (s)"]
@@ -295,6 +310,6 @@ def _figures(results: Results) -> str:
     return "\n\n".join(parts)
 
 
-def _listed(numbers: Sequence[int]) -> str:
+def _list_names(numbers: Sequence[int]) -> str:
     *first, last = map(str, numbers)
     return f"{', '.join(first)} and {last}" if first else last

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks.outcomes import Figures, Results, difference, ratio, shown, table, value
+from benchmarks.outcomes import Figures, Results, difference, format_value, ratio, table, value
 
 OVER_BASELINE = 0.10
 """Scene mIoU by which our method is to lead each baseline's split row."""
@@ -21,14 +21,14 @@ class Target:
     at_least: bool = True
     digits: int = 3
 
-    def judged(self, number: float | None) -> str:
+    def judge(self, number: float | None) -> str:
         """The number, in bold where it misses the bound."""
         if number is None:
             return "–"
         met = number >= self.bound if self.at_least else number <= self.bound
-        return shown(number, self.digits) if met else f"**{shown(number, self.digits)} missed**"
+        return format_value(number, self.digits) if met else f"**{format_value(number, self.digits)} missed**"
 
-    def bounded(self) -> str:
+    def format_bound(self) -> str:
         """The bound for readers."""
         return f"{'≥' if self.at_least else '≤'} {self.bound:g}"
 
@@ -37,14 +37,14 @@ def _figure(path: str) -> Callable[[Figures], float | None]:
     return lambda figures: value(figures, path)
 
 
-def _of_oracle(path: str, oracle: str) -> Callable[[Figures], float | None]:
+def _compare_with_oracle(path: str, oracle: str) -> Callable[[Figures], float | None]:
     return lambda figures: ratio(value(figures, path), value(figures, oracle))
 
 
 TARGETS = (
     Target("oracle scene mIoU", _figure("scene.oracle_miou"), 0.78),
-    Target("scene mIoU ÷ oracle's", _of_oracle("scene.miou", "scene.oracle_miou"), 0.93),
-    Target("PQ ÷ oracle's", _of_oracle("scene.pq", "scene.oracle_pq"), 0.85),
+    Target("scene mIoU ÷ oracle's", _compare_with_oracle("scene.miou", "scene.oracle_miou"), 0.93),
+    Target("PQ ÷ oracle's", _compare_with_oracle("scene.pq", "scene.oracle_pq"), 0.85),
     Target("LiDAR AP50", _figure("lidar.ap50"), 0.65),
     Target("click hit rate", _figure("click.hit_rate"), 0.92),
     Target("collateral", _figure("click.collateral"), 0.02, at_least=False, digits=4),
@@ -58,7 +58,7 @@ def targets_table(results: Results, places: dict[str, tuple[str, str, str]], bas
     """Targets against our figures; columns are `places` by title: clip, cameras, masks. `baselines`: title → method."""
     ours = {title: results.figures(*place, "instdrive") for title, place in places.items()}
     rows = [
-        [target.text, target.bounded(), *(target.judged(target.of(figures)) for figures in ours.values())]
+        [target.text, target.format_bound(), *(target.judge(target.of(figures)) for figures in ours.values())]
         for target in TARGETS
     ]
     for title, method in baselines.items():
@@ -68,5 +68,5 @@ def targets_table(results: Results, places: dict[str, tuple[str, str, str]], bas
             difference(value(own, "scene.miou"), value(other, "scene.miou"))
             for own, other in zip(ours.values(), theirs, strict=True)
         ]
-        rows.append([lead.text, lead.bounded(), *map(lead.judged, leads)])
+        rows.append([lead.text, lead.format_bound(), *map(lead.judge, leads)])
     return table(["target", "bound", *places], rows)

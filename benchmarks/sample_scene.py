@@ -28,7 +28,7 @@ COUNT = 104_000
 CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "back_camera")
 
 
-def reduced(scene: Scene) -> Scene:
+def reduce_scene(scene: Scene) -> Scene:
     """What a newcomer needs: visible Gaussians with one colour each, instances, actors, sky, some cameras."""
     shown = weight_shown(scene)
     least = np.sort(shown)[-min(COUNT, len(scene))]
@@ -42,7 +42,7 @@ def reduced(scene: Scene) -> Scene:
         instance_ids=scene.instance_ids[kept],
         codewords=scene.codewords[kept],
         nodes=scene.nodes[kept],
-        sky=Sky(halved(scene.sky.faces)) if scene.sky else None,
+        sky=Sky(halve_tracks(scene.sky.faces)) if scene.sky else None,
         views=views,
     )
     return recount_table(smaller)
@@ -52,7 +52,7 @@ def weight_shown(scene: Scene) -> Float64[ndarray, " n"]:
     """How much each Gaussian carries of all photos' pixels."""
     gaussians, total = scene.gaussians, np.zeros(len(scene))
     for view in scene.views:
-        poses, present = scene.at(view.time)
+        poses, present = scene.find_node_poses(view.time)
         means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
         opacities = np.where(present[scene.nodes] > 0, gaussians.opacities, np.float32(0))
         pixels = np.arange(view.camera.width * view.camera.height)
@@ -61,7 +61,7 @@ def weight_shown(scene: Scene) -> Float64[ndarray, " n"]:
     return total
 
 
-def halved(faces: Float32[ndarray, "6 r r 3"]) -> Float32[ndarray, "6 h h 3"]:
+def halve_tracks(faces: Float32[ndarray, "6 r r 3"]) -> Float32[ndarray, "6 h h 3"]:
     """Cube faces at half the resolution."""
     half = faces.shape[1] // 2
     return faces[:, : half * 2, : half * 2].reshape(6, half, 2, half, 2, 3).mean(axis=(2, 4))
@@ -77,7 +77,7 @@ def main(
         run: Folder of a finished run.
         out: Folder of the sample scene.
     """
-    scene = reduced(read_scene_folder(run))
+    scene = reduce_scene(read_scene_folder(run))
     write_scene_folder(out, scene, half=True)
     size = sum(file.stat().st_size for file in out.iterdir())
     facts = {"gaussians": len(scene), "instances": len(scene.table), "megabytes": round(size / 1e6, 2)}

@@ -17,8 +17,8 @@ import numba
 import torch
 import tyro
 
-from benchmarks.train_step import Step, model_of
-from benchmarks.workload import generated_workload
+from benchmarks.train_step import Step, build_workload_model
+from benchmarks.workload import generate_workload
 from instdrive_core.errors import InstDriveError
 
 COUNTS = (20_000, 100_000, 500_000, 2_000_000)
@@ -35,13 +35,13 @@ class Options:
 
 def step_ms(count: int, width: int, height: int, runs: int) -> float:
     """Median milliseconds of one step, state `init`."""
-    workload = generated_workload(count, width, height, "init")
-    step = Step(model_of(workload), workload.cameras[0])
+    workload = generate_workload(count, width, height, "init")
+    step = Step(build_workload_model(workload), workload.cameras[0])
     totals = [sum(step.run().values()) for _ in range(runs + 2)]
     return statistics.median(totals[2:])
 
 
-def exponents(amounts: list[float], costs: list[float]) -> list[float]:
+def compute_exponents(amounts: list[float], costs: list[float]) -> list[float]:
     """Exponents e of cost ~ amountᵉ between neighbours."""
     return [
         round(log(second / first) / log(more / less), 2)
@@ -58,10 +58,10 @@ def main(options: Options) -> dict[str, object]:
         "threads": numba.get_num_threads(),
         "gaussians": COUNTS,
         "ms_480x270": by_count,
-        "exponents_gaussians": exponents([float(count) for count in COUNTS], by_count),
+        "exponents_gaussians": compute_exponents([float(count) for count in COUNTS], by_count),
         "sizes": SIZES,
         "ms_100k": by_size,
-        "exponents_pixels": exponents([float(width * height) for width, height in SIZES], by_size),
+        "exponents_pixels": compute_exponents([float(width * height) for width, height in SIZES], by_size),
     }
 
 

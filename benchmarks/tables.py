@@ -17,7 +17,7 @@ import tyro
 
 from benchmarks.cell_queue import Queue
 from benchmarks.cell_work import Workplace, commit, end_with_parent, work
-from benchmarks.cells import FULL, MINIATURE, Cell, chosen
+from benchmarks.cells import FULL, MINIATURE, Cell, choose_cells
 from benchmarks.results_page import NOTES_END, NOTES_START, Results, page
 from instdrive_core.errors import InstDriveError, OptionError
 from instdrive_core.files.atomic import write_bytes
@@ -72,19 +72,19 @@ def main(options: Options) -> int:
             raise OptionError(f"there is no cell {options.cell!r}; --list shows them all")
         work(place.cells[options.cell], place)
         return 0
-    cells = chosen(tuple(place.cells.values()), options.only)
+    cells = choose_cells(tuple(place.cells.values()), options.only)
     if options.list:
         print(listing(cells, place))
         return 0
     if options.redo:
-        forget(chosen_exactly(place, options.redo), place)
+        forget(choose_exactly(place, options.redo), place)
     return make(options, cells, place)
 
 
 def make(options: Options, cells: tuple[Cell, ...], place: Workplace) -> int:
     """Do cells, write the page, print the JSON line."""
     started = time.monotonic()
-    say(f"{expected(cells, place) / 60:.0f} minutes of work expected on 2 cores")
+    say(f"{list_expected(cells, place) / 60:.0f} minutes of work expected on 2 cores")
     if commit().endswith("+"):
         say("tracked files differ from the commit: the page will mark it with +")
     queue = Queue(
@@ -115,10 +115,10 @@ def child_command(options: Options) -> list[str]:
     return [sys.executable, "-m", "benchmarks.tables", *words, *(["--miniature"] if options.miniature else [])]
 
 
-def chosen_exactly(place: Workplace, patterns: tuple[str, ...]) -> tuple[Cell, ...]:
+def choose_exactly(place: Workplace, patterns: tuple[str, ...]) -> tuple[Cell, ...]:
     """The cells that patterns name, without what they need."""
     free = tuple(replace(cell, needs=()) for cell in place.cells.values())
-    return tuple(place.cells[cell.name] for cell in chosen(free, patterns))
+    return tuple(place.cells[cell.name] for cell in choose_cells(free, patterns))
 
 
 def forget(cells: tuple[Cell, ...], place: Workplace) -> None:
@@ -129,7 +129,7 @@ def forget(cells: tuple[Cell, ...], place: Workplace) -> None:
             shutil.rmtree(place.own_run(cell.name), ignore_errors=True)
 
 
-def expected(cells: tuple[Cell, ...], place: Workplace) -> float:
+def list_expected(cells: tuple[Cell, ...], place: Workplace) -> float:
     """Seconds on 2 cores of what is not done yet."""
     return sum(cell.seconds for cell in cells if not place.outcome_file(cell.name).is_file())
 
@@ -142,7 +142,9 @@ def listing(cells: tuple[Cell, ...], place: Workplace) -> str:
         left += outcome is None
         state = f"{outcome['seconds']:6.0f} s done" if outcome else f"{cell.seconds:6.0f} s expected"
         lines.append(f"{cell.name:48} {state}")
-    lines.append(f"{left} of {len(cells)} cells left, {expected(cells, place) / 60:.0f} minutes expected on 2 cores")
+    lines.append(
+        f"{left} of {len(cells)} cells left, {list_expected(cells, place) / 60:.0f} minutes expected on 2 cores"
+    )
     return "\n".join(lines)
 
 
@@ -156,12 +158,12 @@ def write_page(file: Path, place: Workplace) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(place.image(name), target)
             images[name] = f"images/{target.name}"
-    text = page(Results(outcomes, tuple(place.cells.values()), images, place.scale.name), notes_of(file))
+    text = page(Results(outcomes, tuple(place.cells.values()), images, place.scale.name), read_notes(file))
     file.parent.mkdir(parents=True, exist_ok=True)
     write_bytes(file, text.encode())
 
 
-def notes_of(file: Path) -> str:
+def read_notes(file: Path) -> str:
     """What stands between the markers of a page written before."""
     text = file.read_text(encoding="utf-8") if file.is_file() else ""
     if NOTES_START not in text or NOTES_END not in text:

@@ -72,7 +72,7 @@ def quality(scene: Scene, clip: Clip, photos: int) -> Quality:
         camera, moment = frame.view.camera, frame.view.time
         image = view_scene(scene, camera, moment).color
         if scene.exposures is not None:
-            image = apply_exposure(image, scene.exposures.at(frame.view.name, moment))
+            image = apply_exposure(image, scene.exposures.interpolate(frame.view.name, moment))
         photo = frame.load_image().astype(np.float32) / 255
         valid = np.ones(photo.shape[:2], bool) if frame.valid is None else frame.valid
         whole.append(psnr(np.clip(image, 0, 1), photo, valid))
@@ -83,7 +83,7 @@ def quality(scene: Scene, clip: Clip, photos: int) -> Quality:
     )
 
 
-def scene_of(trainer: Trainer, clip: Clip) -> Scene:
+def build_scene(trainer: Trainer, clip: Clip) -> Scene:
     """What has been learned so far, without instances."""
     exposures = None
     if trainer.config.geometry.exposure_lr:
@@ -113,7 +113,7 @@ def main(options: Options) -> dict[str, object]:
             if trainer.iteration in due:
                 before = time.perf_counter()
                 photos = options.photos if trainer.iteration < total else 1_000_000
-                reached = quality(scene_of(trainer, clip), clip, photos)
+                reached = quality(build_scene(trainer, clip), clip, photos)
                 drawing += time.perf_counter() - before
                 seconds = time.perf_counter() - started - drawing
                 psnr_actors = reached.psnr_actors

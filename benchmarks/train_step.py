@@ -21,7 +21,7 @@ import numpy as np
 import torch
 import tyro
 
-from benchmarks.probe import evaluations, gaussian_pixel_rate
+from benchmarks.probe import count_evaluations, measure_pixel_rate
 from benchmarks.workload import Workload, load_workload
 from instdrive_core.errors import InstDriveError
 from instdrive_core.maths.spherical_harmonics import dc_from_color
@@ -50,7 +50,7 @@ class Options:
     """Timed steps."""
 
 
-def model_of(workload: Workload) -> SceneModel:
+def build_workload_model(workload: Workload) -> SceneModel:
     """The workload as a static trainable scene."""
     count = len(workload.means)
     logits = np.log(workload.opacities) - np.log1p(-workload.opacities)
@@ -123,11 +123,11 @@ def measure(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
     torch.set_num_threads(1)  # as training does
     workload = load_workload(options.workload, options.state)
-    step = Step(model_of(workload), workload.cameras[0])
+    step = Step(build_workload_model(workload), workload.cameras[0])
     phases = [step.run() for _ in range(options.runs + _WARM_UP)][_WARM_UP:]
     medians = {name: statistics.median(phase[name] for phase in phases) for name in phases[0]}
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    rate = evaluations(workload, workload.cameras[0]) / forward_seconds(workload, options.runs)
+    rate = count_evaluations(workload, workload.cameras[0]) / forward_seconds(workload, options.runs)
     return {
         "workload": options.workload,
         "state": options.state,
@@ -135,7 +135,7 @@ def measure(options: Options) -> dict[str, object]:
         "phase_ms": {name: round(value, 2) for name, value in medians.items()},
         "total_ms": round(statistics.median(sum(phase.values()) for phase in phases), 2),
         "peak_rss_mb": round(peak),
-        "share_forward": round(rate / gaussian_pixel_rate(), 3),
+        "share_forward": round(rate / measure_pixel_rate(), 3),
     }
 
 

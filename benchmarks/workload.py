@@ -47,10 +47,10 @@ def load_workload(name: str, state: str) -> Workload:
         raise OptionError(
             f"no workload {name!r} in state {state!r}; choose from {', '.join(SIZES)} × {', '.join(STATES)}"
         )
-    return generated_workload(*SIZES[name], state)
+    return generate_workload(*SIZES[name], state)
 
 
-def generated_workload(count: int, width: int, height: int, state: str) -> Workload:
+def generate_workload(count: int, width: int, height: int, state: str) -> Workload:
     """A street of any size, kept for the next time. Raises DataError as `load_workload` does."""
     folder = CACHE / f"{count}-{width}x{height}"
     if not (folder / f"{state}.npz").is_file():

@@ -1,4 +1,4 @@
-"""Every error a user can meet. Each message names the thing, the value found and what to do about it."""
+"""Every error that a user can meet. Each message names the thing, the value found and what to do about it."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ class SceneTooLargeError(DataError):
 
 
 def format_gigabytes(size: float) -> str:
-    """Bytes as a person says them, e.g. ``48 GB`` or ``0.3 GB``."""
+    """Write bytes as a person says them, e.g. ``48 GB`` or ``0.3 GB``."""
     return (
         f"{size / 1e9:.0f} GB" if size >= 9.95e9 else f"{size / 1e9:.1f} GB" if size >= 5e7 else f"{size / 1e6:.1f} MB"
     )
 
 
 def format_ordinal(number: int) -> str:
-    """``2nd``, ``3rd``, ``11th``."""
+    """Write an ordinal number: ``2nd``, ``3rd``, ``11th``."""
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"
 

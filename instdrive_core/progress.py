@@ -1,4 +1,4 @@
-"""How far long work is, told without handing a callback through every function, and how it is stopped.
+"""Progress of long work, and stopping it, without a callback handed through every function.
 
 Work that may take a second calls `report` now and then. Whoever wants to know wraps the work in `report_to`; where
 nobody does, `report` costs next to nothing. The listener belongs to the thread (or context) that set it.
@@ -25,7 +25,7 @@ _span: ContextVar[tuple[float, float]] = ContextVar("progress span", default=(0.
 
 
 def report(share: float) -> None:
-    """Tell that `share` (0 … 1) of the present part of the work is done. Raises CancelledError where it is to stop."""
+    """Report that `share` (0 … 1) of the present part of the work is done. Raises CancelledError to stop the work."""
     listener = _listener.get()
     if listener is not None:
         start, stop = _span.get()
@@ -34,7 +34,7 @@ def report(share: float) -> None:
 
 @contextmanager
 def report_to(listener: Listener) -> Iterator[None]:
-    """Tell `listener` what is reported inside the block."""
+    """Pass what is reported inside the block to `listener`."""
     outer, span = _listener.set(listener), _span.set((0.0, 1.0))
     try:
         yield
@@ -45,7 +45,7 @@ def report_to(listener: Listener) -> Iterator[None]:
 
 @contextmanager
 def report_span(start: float, stop: float) -> Iterator[None]:
-    """What is reported inside the block, 0 … 1, counts as `start` … `stop` of the work around it."""
+    """Count what is reported inside the block, 0 … 1, as `start` … `stop` of the work around it."""
     low, high = _span.get()
     token = _span.set((low + (high - low) * start, low + (high - low) * stop))
     try:

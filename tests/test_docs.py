@@ -64,7 +64,9 @@ def here(sample, tmp_path, monkeypatch):
 
 
 def test_blocks_say_their_language():
-    unknown = {(page.name, language) for page in PAGES for language, _ in code_blocks(page) if language not in LANGUAGES}
+    unknown = {
+        (page.name, language) for page in PAGES for language, _ in code_blocks(page) if language not in LANGUAGES
+    }
     assert not unknown
 
 

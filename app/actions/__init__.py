@@ -1,4 +1,4 @@
-"""Every action of the editor: one file per menu or topic, each with ``list_actions(session) -> list[Action]``.
+"""All actions of the editor: one file per menu or topic, each with ``list_actions(session) -> list[Action]``.
 
 A new action goes into the file of its topic; a new topic is a file and a place in `TOPICS`, whose order is that of
 the menus and of the items in them.

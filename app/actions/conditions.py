@@ -9,7 +9,7 @@ from instdrive_app.session.requests import Request
 
 
 def is_editable(session: EditorSession) -> bool:
-    """Whether a document is open and no modal work is under way."""
+    """Whether a document is open and no modal job waits or runs."""
     return session.document is not None and not session.jobs.is_blocking
 
 

@@ -22,7 +22,7 @@ def list_actions(session: EditorSession) -> list[Action]:
     return [
         Action(
             "deletion.absorb",
-            "Absorb floaters of the deletion",
+            "Delete the residue of the deletion",
             review.absorb,
             "Edit",
             enabled=has_residue,
@@ -32,7 +32,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         ),
         Action(
             "deletion.fill",
-            "Fill hole",
+            "Fill the hole of the deletion",
             review.fill,
             "Edit",
             enabled=has_hole,
@@ -41,7 +41,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         ),
         Action(
             "deletion.clear",
-            "Clear report of the deletion",
+            "Dismiss the deletion report",
             review.clear,
             "View",
             enabled=lambda: review.findings is not None,

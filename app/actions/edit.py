@@ -1,4 +1,4 @@
-"""Undo, redo, and what is done to the selected instances."""
+"""Undo, redo, and editing the selected instances."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from instdrive_app.session.requests import AskName, OfferCleanup
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """The Edit menu."""
+    """List the Edit menu."""
     return [*_list_history(session), *_list_changes(session), *_list_visibility(session), *_list_cleanup(session)]
 
 
 def _list_history(session: EditorSession) -> list[Action]:
-    def reaches(back: bool) -> bool:
+    def can_step(back: bool) -> bool:
         if session.document is None:
             return False
         history = session.document.history
@@ -27,7 +27,7 @@ def _list_history(session: EditorSession) -> list[Action]:
             session.history.undo,
             "Edit",
             ("Ctrl+Z",),
-            enabled=lambda: reaches(back=True),
+            enabled=lambda: can_step(back=True),
             icon="ICON_FA_ROTATE_LEFT",
         ),
         Action(
@@ -36,7 +36,7 @@ def _list_history(session: EditorSession) -> list[Action]:
             session.history.redo,
             "Edit",
             ("Ctrl+Shift+Z", "Ctrl+Y"),
-            enabled=lambda: reaches(back=False),
+            enabled=lambda: can_step(back=False),
             icon="ICON_FA_ROTATE_RIGHT",
         ),
     ]
@@ -89,7 +89,7 @@ def _list_changes(session: EditorSession) -> list[Action]:
 
 
 def _list_visibility(session: EditorSession) -> list[Action]:
-    """What is shown, and what may be edited."""
+    """List what hides, shows and locks."""
     return [
         Action(
             "edit.hide",

@@ -1,4 +1,4 @@
-"""Opening, saving, exporting, quitting."""
+"""Opening, saving, exporting and quitting."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from instdrive_app.session.requests import AskExport, AskPath
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """The File menu."""
+    """List the File menu."""
     return [*_list_opening(session), *_list_saving(session), *_list_exporting(session), *_list_leaving(session)]
 
 

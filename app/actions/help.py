@@ -1,4 +1,4 @@
-"""What the user can look up."""
+"""Looking things up."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from instdrive_app.session.requests import ShowAbout, ShowPalette, ShowShortcuts
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """The Help menu."""
+    """List the Help menu."""
     return [
         Action(
             "help.palette",

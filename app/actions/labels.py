@@ -1,4 +1,4 @@
-"""Repairing labels: which splats belong to which instance, and of which class instances are."""
+"""Repairing labels: which instance splats belong to, and which class instances have."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from instdrive_app.session.requests import AskClass, AskReassign, AskSplit
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """The Labels menu."""
+    """List the Labels menu."""
     return [*_list_instance_actions(session), *_list_splat_actions(session)]
 
 
 def _list_instance_actions(session: EditorSession) -> list[Action]:
-    def some(count: int = 1) -> bool:
+    def has_instances(count: int = 1) -> bool:
         return is_editable(session) and len(session.selection.ids) >= count
 
-    def one() -> bool:
+    def has_one_instance() -> bool:
         return is_editable(session) and len(session.selection.ids) == 1
 
     return [
@@ -27,7 +27,7 @@ def _list_instance_actions(session: EditorSession) -> list[Action]:
             lambda: session.requests.put(AskClass(session.selection.ids)),
             "Labels",
             ("Ctrl+T",),
-            enabled=some,
+            enabled=has_instances,
             icon="ICON_FA_TAG",
             undoable=True,
         ),
@@ -37,7 +37,7 @@ def _list_instance_actions(session: EditorSession) -> list[Action]:
             lambda: session.labels.merge(session.selection.ids),
             "Labels",
             ("Ctrl+M",),
-            enabled=lambda: some(2),
+            enabled=lambda: has_instances(2),
             icon="ICON_FA_OBJECT_GROUP",
             separator=True,
             undoable=True,
@@ -48,7 +48,7 @@ def _list_instance_actions(session: EditorSession) -> list[Action]:
             lambda: session.requests.put(AskSplit(session.selection.ids[0])),
             "Labels",
             ("Ctrl+J",),
-            enabled=one,
+            enabled=has_one_instance,
             icon="ICON_FA_OBJECT_UNGROUP",
             undoable=True,
         ),
@@ -56,7 +56,7 @@ def _list_instance_actions(session: EditorSession) -> list[Action]:
 
 
 def _list_splat_actions(session: EditorSession) -> list[Action]:
-    def splats() -> bool:
+    def has_splats() -> bool:
         return is_editable(session) and not session.selection.is_empty
 
     return [
@@ -66,7 +66,7 @@ def _list_splat_actions(session: EditorSession) -> list[Action]:
             put_request(session, AskReassign()),
             "Labels",
             ("Ctrl+R",),
-            enabled=splats,
+            enabled=has_splats,
             icon="ICON_FA_RIGHT_LEFT",
             undoable=True,
         ),
@@ -76,7 +76,7 @@ def _list_splat_actions(session: EditorSession) -> list[Action]:
             lambda: session.labels.reassign(None),
             "Labels",
             ("Ctrl+Shift+N",),
-            enabled=splats,
+            enabled=has_splats,
             icon="ICON_FA_CIRCLE_PLUS",
             undoable=True,
         ),

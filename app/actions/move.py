@@ -1,4 +1,4 @@
-"""What can be done to where the selection is, and what moves are bound to. The tools themselves are in `tools`."""
+"""Moving the selection, and constraints of moves. The move tools themselves are in `tools`."""
 
 from __future__ import annotations
 
@@ -11,47 +11,47 @@ from instdrive_app.session.move_controller import MoveOptions
 from instdrive_app.session.requests import AskUp
 
 SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
-"""Commands that bind moves."""
+"""IDs of the actions that constrain moves."""
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """The Move menu."""
+    """List the Move menu."""
     return [*_list_moves(session), *_list_constraints(session)]
 
 
 def _list_moves(session: EditorSession) -> list[Action]:
-    moving = session.movement
+    movement = session.movement
 
-    def selected() -> bool:
+    def has_selection() -> bool:
         return bool(session.selection.ids)
 
     return [
         Action(
             "move.duplicate",
             "Duplicate",
-            moving.duplicate,
+            movement.duplicate,
             "Move",
             ("Ctrl+D",),
-            enabled=selected,
+            enabled=has_selection,
             icon="ICON_FA_CLONE",
             undoable=True,
         ),
         Action(
             "move.put_on_ground",
             "Put on the ground",
-            moving.put_on_ground,
+            movement.put_on_ground,
             "Move",
             ("Ctrl+G",),
-            enabled=selected,
+            enabled=has_selection,
             icon="ICON_FA_ARROWS_DOWN_TO_LINE",
             undoable=True,
         ),
         Action(
             "move.reset",
             "Reset the move",
-            moving.reset,
+            movement.reset,
             "Move",
-            enabled=selected,
+            enabled=has_selection,
             icon="ICON_FA_ARROW_ROTATE_LEFT",
             undoable=True,
         ),
@@ -69,32 +69,32 @@ def _list_moves(session: EditorSession) -> list[Action]:
 
 
 def _list_constraints(session: EditorSession) -> list[Action]:
-    """What moves are bound to."""
-    moving = session.movement
+    """List the constraints of moves."""
+    movement = session.movement
     return [
         Action(
             "move.on_ground",
-            "Moves stay on the ground",
-            _toggle_option(moving.options, "on_ground"),
+            "Keep on the ground when moving",
+            _toggle_option(movement.options, "on_ground"),
             "Move",
-            checked=lambda: moving.options.on_ground,
+            checked=lambda: movement.options.on_ground,
             icon="ICON_FA_MAGNET",
             separator=True,
         ),
         Action(
             "move.yaw_only",
-            "Turn about the vertical only",
+            "Rotate about the vertical only",
             _toggle_yaw_only(session),
             "Move",
-            checked=lambda: moving.yaw_only,
+            checked=lambda: movement.yaw_only,
             icon="ICON_FA_COMPASS",
         ),
         Action(
             "move.along_lane",
             "Move along the lane",
-            _toggle_option(moving.options, "along_lane"),
+            _toggle_option(movement.options, "along_lane"),
             "Move",
-            checked=lambda: moving.options.along_lane,
+            checked=lambda: movement.options.along_lane,
             icon="ICON_FA_ROAD",
         ),
     ]

@@ -1,4 +1,4 @@
-"""Comparing the splats with what the cameras saw."""
+"""Comparing the splats with photos and masks."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from instdrive_app.state import Reference
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """More of the View menu: photo, masks, side by side."""
+    """List the part of the View menu about photo, masks and side by side."""
     state = session.state
 
-    def through_camera() -> bool:
+    def looks_through_camera() -> bool:
         return state.dataset_view is not None
 
     def show(kind: Reference) -> Callable[[], None]:
@@ -22,7 +22,7 @@ def list_actions(session: EditorSession) -> list[Action]:
 
         return run
 
-    def beside() -> None:
+    def toggle_beside() -> None:
         state.reference_beside = not state.reference_beside
 
     return [
@@ -32,7 +32,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             show(Reference.PHOTO),
             "View",
             ("P",),
-            enabled=through_camera,
+            enabled=looks_through_camera,
             checked=lambda: state.reference is Reference.PHOTO,
             icon="ICON_FA_IMAGE",
             separator=True,
@@ -43,17 +43,17 @@ def list_actions(session: EditorSession) -> list[Action]:
             show(Reference.MASKS),
             "View",
             ("Shift+P",),
-            enabled=through_camera,
+            enabled=looks_through_camera,
             checked=lambda: state.reference is Reference.MASKS,
             icon="ICON_FA_OBJECT_GROUP",
         ),
         Action(
             "view.beside",
             "Side by side",
-            beside,
+            toggle_beside,
             "View",
             ("Alt+P",),
-            enabled=lambda: through_camera() and state.reference is not Reference.NONE,
+            enabled=lambda: looks_through_camera() and state.reference is not Reference.NONE,
             checked=lambda: state.reference_beside,
             icon="ICON_FA_TABLE_COLUMNS",
         ),

@@ -10,7 +10,7 @@ from instdrive_core.edits.kinds.select import InvertSelection, SelectAll, Select
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """The Select menu."""
+    """List the Select menu."""
     return [*_list_sets(session), *_list_borders(session), *_list_kinds(session)]
 
 
@@ -102,7 +102,7 @@ def _list_kinds(session: EditorSession) -> list[Action]:
 
 
 def _find_classes(session: EditorSession) -> tuple[str, ...]:
-    """The classes of the selected instances."""
+    """Find the classes of the selected instances, sorted."""
     if session.document is None:
         return ()
     table = session.document.scene.table

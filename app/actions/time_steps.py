@@ -1,4 +1,4 @@
-"""The moments of the drive."""
+"""Stepping through the drive, and playing it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from instdrive_app.session.editor_session import EditorSession
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """The Time menu."""
+    """List the Time menu."""
 
     def has_steps() -> bool:
         return len(session.navigation.timeline.steps) > 1
 
-    def play() -> None:
+    def toggle_playing() -> None:
         session.navigation.playing = not session.navigation.playing
 
     return [
@@ -28,7 +28,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         Action(
             "time.play",
             "Play",
-            play,
+            toggle_playing,
             "Time",
             ("Space",),
             enabled=has_steps,

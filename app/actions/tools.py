@@ -1,4 +1,4 @@
-"""Taking a tool, and what region tools take."""
+"""Taking a tool, and options of the region tools."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from instdrive_app.tools.registry import TOOLS, ToolRecord
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """The Tools menu."""
+    """List the Tools menu."""
     state = session.state
 
-    def splats(on: bool) -> Callable[[], None]:
+    def select_splats(on: bool) -> Callable[[], None]:
         def run() -> None:
             state.region_splats = on
 
         return run
 
-    def flip_visible_only() -> None:
+    def toggle_visible_only() -> None:
         state.region_visible_only = not state.region_visible_only
 
     return [
@@ -27,7 +27,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         Action(
             "tool.whole_instances",
             "Regions select whole instances",
-            splats(False),
+            select_splats(False),
             "Tools",
             checked=lambda: not state.region_splats,
             icon="ICON_FA_SHAPES",
@@ -36,15 +36,15 @@ def list_actions(session: EditorSession) -> list[Action]:
         Action(
             "tool.single_splats",
             "Regions select single splats",
-            splats(True),
+            select_splats(True),
             "Tools",
             checked=lambda: state.region_splats,
             icon="ICON_FA_BRAILLE",
         ),
         Action(
             "tool.visible_only",
-            "Regions select only what is visible",
-            flip_visible_only,
+            "Regions select visible splats only",
+            toggle_visible_only,
             "Tools",
             checked=lambda: state.region_visible_only,
             icon="ICON_FA_EYE",

@@ -1,4 +1,4 @@
-"""What the viewport paints, and where it looks."""
+"""What the viewport draws, and where it looks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VIEW_MODE_ICONS = {
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """The View menu."""
+    """List the View menu."""
 
     def show(mode: ViewMode) -> Callable[[], None]:
         def run() -> None:
@@ -25,7 +25,7 @@ def list_actions(session: EditorSession) -> list[Action]:
 
         return run
 
-    def shown(mode: ViewMode) -> Callable[[], bool]:
+    def is_shown(mode: ViewMode) -> Callable[[], bool]:
         return lambda: session.state.view_mode is mode
 
     modes = [
@@ -35,7 +35,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             show(mode),
             "View",
             (str(number),),
-            checked=shown(mode),
+            checked=is_shown(mode),
             icon=VIEW_MODE_ICONS[mode],
         )
         for number, mode in enumerate(ViewMode, start=1)
@@ -78,13 +78,13 @@ def list_actions(session: EditorSession) -> list[Action]:
 def _create_switch(
     session: EditorSession, command_id: str, title: str, field: str, icon: str, separator: bool = False
 ) -> Action:
-    def flip() -> None:
+    def toggle() -> None:
         setattr(session.state, field, not getattr(session.state, field))
 
     return Action(
         command_id,
         title,
-        flip,
+        toggle,
         "View",
         checked=lambda: getattr(session.state, field),
         icon=icon,

@@ -1,1 +1,1 @@
-"""Commands that open a window or look at this machine: one file each."""
+"""Commands that open a window or examine this machine: one file each."""

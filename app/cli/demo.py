@@ -1,4 +1,4 @@
-"""`instdrive demo`: the whole main job on a synthetic drive, from clip to edited scene."""
+"""`instdrive demo`: everything from clip to edited scene, on a synthetic drive."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def demo(out: Annotated[Path, arg(aliases=["-o"])] = Path("runs/demo"), seed: in
 
     Args:
         out: Folder for clip, run and pictures; what is already there is used again.
-        seed: Of the synthetic street.
-        script: Play a scripted session instead of opening the window, as is done where there is no display.
+        seed: Random seed of the synthetic street.
+        script: Play a scripted session instead of opening the window; without a display that is always done.
     """
     run = prepare_run(out, StreetConfig(seed=seed), build_train_config("instdrive", "demo"), Console())
     has_display = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -38,7 +38,7 @@ def demo(out: Annotated[Path, arg(aliases=["-o"])] = Path("runs/demo"), seed: in
 
 @dataclass(frozen=True)
 class _Step:
-    """One part of the demo and the file that tells that it is complete."""
+    """One part of the demo, and the file whose existence shows that it is complete."""
 
     title: str
     result: Path
@@ -46,7 +46,7 @@ class _Step:
 
 
 def prepare_run(out: Path, street: StreetConfig, config: TrainConfig, console: Console) -> Path:
-    """Clip, masks, training and evaluation under `out`, each only where its result is missing; returns the run."""
+    """Make clip, masks, run and evaluation under `out`, each only where it is missing; returns the run's folder."""
     clip, run, report = out / "clip", out / "run", out / "eval.json"
     steps = (
         _Step("synthetic drive", clip / "meta" / "gps.json", lambda: _record(clip, street)),
@@ -66,7 +66,7 @@ def prepare_run(out: Path, street: StreetConfig, config: TrainConfig, console: C
 
 
 def play(run: Path, out: Path) -> None:
-    """A scripted session in the editor's own code; pictures and the edited scene go into `out`."""
+    """Play a scripted session in the editor; pictures and the edited scene go into `out`."""
     from instdrive_app.demo.script import run_scripted_session
 
     run_scripted_session(run, out)
@@ -75,15 +75,15 @@ def play(run: Path, out: Path) -> None:
 
 
 def _record(clip: Path, street: StreetConfig) -> None:
-    from instdrive_core.cli.synth import synth
+    from instdrive_core.cli.synth import record_synthetic_drive
 
-    synth(clip, street.seed, street.steps, street.width, street.height)
+    record_synthetic_drive(clip, street.seed, street.steps, street.width, street.height)
 
 
 def _mask(clip: Path) -> None:
-    from instdrive_core.cli.masks import masks
+    from instdrive_core.cli.masks import create_masks
 
-    masks(clip, "exact")
+    create_masks(clip, "exact")
 
 
 def _train(clip: Path, run: Path, config: TrainConfig) -> None:

@@ -1,4 +1,4 @@
-"""`instdrive doctor`: what this machine has, and whether pictures come out right."""
+"""`instdrive doctor`: what this machine offers, and whether pictures come out right."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ OPTIONAL = {
 PICTURE = (160, 120)
 """Pixels of the tested render."""
 LARGEST_MEAN_DIFFERENCE = 2e-4
-"""Of two rasterizers that agree, in [0, 1]; where any splat of the tested scene is missing, they differ by more."""
+"""Largest mean difference of two rasterizers that agree, in [0, 1]; a missing splat makes a larger one."""
 
 
 class DoctorError(InstDriveError):
-    """Something that the program needs does not work here."""
+    """Something that the program needs does not work on this machine."""
 
 
 def doctor() -> None:
@@ -63,7 +63,7 @@ def doctor() -> None:
 
 
 def _print_line(label: str, text: str) -> None:
-    # At once: should a driver take the process down, what it was about is already there.
+    # Flushed: should a driver crash the process, the last line says what it was doing.
     print(f"{label + ':':<12}{text}", flush=True)
 
 
@@ -75,10 +75,10 @@ def _describe_package(name: str) -> str:
 
 
 def _run_check(label: str, check: Callable[[], str]) -> str | None:
-    """Print what a check says; returns the failure."""
+    """Run a check and print its result; returns what failed, else None."""
     try:
         _print_line(label, check())
-    except Exception as error:  # whatever it is, it is what the user came to read, and the other checks follow
+    except Exception as error:  # whatever it is, the user came to read it, and the other checks follow
         known = isinstance(error, InstDriveError)
         _print_line(label, f"FAILED: {error if known else f'{type(error).__name__}: {error}'}")
         return f"{label} does not work"
@@ -94,7 +94,7 @@ def _check_display() -> str:
 
 
 def _check_cpu_render() -> str:
-    """One splat in the middle of the picture, whose colour follows from its opacity."""
+    """Render one splat in the middle of the picture, whose colour follows from its opacity."""
     from numba.np.ufunc.parallel import get_num_threads, threading_layer
 
     snapshot = _create_snapshot()
@@ -108,7 +108,7 @@ def _check_cpu_render() -> str:
 
 
 def _check_opengl_render() -> str:
-    """The same scene by OpenGL and by the CPU, which share no code."""
+    """Render a scene by OpenGL and by the CPU, which share no code, and compare."""
     # Imported here: a missing driver library must be a line of the report.
     from instdrive_app.render.frame_renderer import CHOICE, choose_renderer_kind
     from instdrive_app.render.offscreen import describe_driver, draw_blended, open_offscreen_context
@@ -156,7 +156,7 @@ def _create_snapshot() -> FrameSnapshot:
 
 
 def _create_test_scene() -> Scene:
-    """Splats of many sizes and colours before a sky of two halves."""
+    """Create splats of many sizes and colours before a sky of two halves."""
     rng = np.random.default_rng(5)
     count = 24
     gaussians = _create_splats(rng.uniform(-1, 1, (count, 3)), 0.15, 1.0, (0.5, 0.5, 0.5))

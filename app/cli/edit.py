@@ -19,7 +19,7 @@ MIN_SCALE, MAX_SCALE = 0.5, 4.0
 
 
 class ScaleError(InstDriveError):
-    """Text and widgets cannot be drawn so large."""
+    """Text and widgets cannot be drawn at this size."""
 
 
 def edit(
@@ -33,9 +33,9 @@ def edit(
     """Open a scene in the editor window.
 
     Args:
-        scene: A .ply file, or a run or scene folder; without one the sample scene is opened.
+        scene: A scene file, a run or scene folder, or a project; without one the sample scene is opened.
         size: Width and height of the window, at scale 1.
-        scale: How large text and widgets are drawn, e.g. 2 on a display of high density; 0: as the monitor says.
+        scale: Size of text and widgets, e.g. 2 on a high-density display; 0: as the monitor reports.
         report: Write the window's state as JSON lines into this file, for programs that drive the window.
         remember_layout: Keep the arrangement of panels from one session to the next.
     """

@@ -1,1 +1,1 @@
-"""Sessions that play themselves in the real window."""
+"""Scripted sessions in the real window."""

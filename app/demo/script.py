@@ -1,4 +1,4 @@
-"""A session that plays itself in the real window: open, point, click, recolour, undo, delete, recolour, export."""
+"""A scripted session in the real window: open, point, click, recolour, undo, delete, recolour, export."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ PATIENCE_FRAMES = 100_000
 
 
 class ScriptError(InstDriveError):
-    """The scripted session cannot go on with this scene."""
+    """The scripted session cannot continue with this scene."""
 
 
 def run_scripted_session(scene_path: str | Path, out_dir: str | Path, size: tuple[int, int] = (1280, 720)) -> None:
-    """Open a scene in the editor and play a session, on a virtual display where there is no other.
+    """Open a scene in the editor and play a session, on a virtual display where there is no real one.
 
     Writes into `out_dir`: color.png, id_map.png (exact ID colours), hover.png and editor.png (the whole window),
-    selected.png, tinted.png (the clicked instance recoloured), deleted.png, cleaned.png (strays gone, the hole filled),
+    selected.png, tinted.png (the clicked instance recoloured), deleted.png, cleaned.png (residue gone, hole filled),
     recolored.png (another instance recoloured), edited.ply, and session.json, which says what was clicked.
 
     Raises ScriptError where the scene shows nothing to click, DisplayError where no window can be opened.
@@ -54,7 +54,7 @@ def run_scripted_session(scene_path: str | Path, out_dir: str | Path, size: tupl
 
 
 class ScriptedSession:
-    """The steps; each `yield` lets the window draw a frame."""
+    """The steps of the session; each `yield` lets the window draw a frame."""
 
     def __init__(self, window: EditorWindow, out: Path) -> None:
         self._window, self._out = window, out
@@ -63,7 +63,7 @@ class ScriptedSession:
         self._protocol: dict[str, object] = {"pictures": self._pictures}
 
     def play(self) -> Iterator[None]:
-        """From the opened scene to the exported one."""
+        """Play the session, from opening the scene to exporting it."""
         yield from self._wait_until_open()
         yield from self._choose_view()
         self._save("color.png")
@@ -120,7 +120,7 @@ class ScriptedSession:
         return things[0], things[1]
 
     def _point_at(self, instance: int) -> Iterator[None]:
-        """Hold the pointer over the middle of what is seen of an instance."""
+        """Hold the pointer over the middle of an instance's visible part."""
         snapshot = self._window.ui.view.snapshot
         assert snapshot is not None
         self._window.ui.script_pointer = find_inner_pixel(self._renderer.read_instance_ids(snapshot) == instance)
@@ -141,7 +141,7 @@ class ScriptedSession:
         yield from self._wait_until_drawn()
 
     def _clean_up(self) -> Iterator[None]:
-        """Take away the strays of what was deleted, and fill the ground that nothing ever showed."""
+        """Delete the residue of the deletion, and fill the hole in the ground."""
         review = self._session.deletion.review
         yield from self._wait_for_jobs()
         found = review.findings
@@ -153,7 +153,7 @@ class ScriptedSession:
         yield from self._wait_until_drawn()
 
     def _wait_for_jobs(self) -> Iterator[None]:
-        """Until no work is under way."""
+        """Wait until no job waits or runs."""
         while self._session.jobs.current is not None:
             yield
 
@@ -165,12 +165,12 @@ class ScriptedSession:
             raise ScriptError(self._session.messages.log[-1].text)
         self._protocol["exported"] = target.name
 
-    def _run(self, command: str) -> None:
-        if not self._session.actions.run(command):
-            raise ScriptError(f"the command {command} is not available")
+    def _run(self, action: str) -> None:
+        if not self._session.actions.run(action):
+            raise ScriptError(f"the action {action} is not available")
 
     def _wait_until_drawn(self) -> Iterator[None]:
-        """Some frames, until the picture is sharp."""
+        """Wait some frames, until the picture is sharp."""
         for frame in range(PATIENCE_FRAMES):
             yield
             if frame >= 3 and self._window.ui.view.settled:
@@ -200,7 +200,7 @@ class ScriptedSession:
         return self._renderer.read_instance_ids(resolve(self._session.state, *self._picture_size))
 
     def _find_picture_pixel(self, pointer: tuple[float, float]) -> list[int]:
-        """A position in the viewport as column and row of the saved pictures."""
+        """Convert a position in the viewport into column and row of the saved pictures."""
         snapshot = self._window.ui.view.snapshot
         assert snapshot is not None
         left, top, right, _ = self._session.state.viewpoint.fit_film(snapshot.camera.width, snapshot.camera.height)
@@ -218,7 +218,7 @@ class ScriptedSession:
 
 
 def find_inner_pixel(mask: ndarray) -> tuple[float, float]:
-    """x, y of the pixel centre farthest from the mask's border. Raises ScriptError for an empty mask."""
+    """Find x, y of the pixel centre farthest from the mask's border. Raises ScriptError for an empty mask."""
     if not mask.any():
         raise ScriptError("the object to point at is not visible")
     depth = np.asarray(distance_transform_edt(np.pad(mask, 1)))

@@ -1,4 +1,4 @@
-"""Which camera shows a scene's objects best, and which objects are worth clicking: for demonstrations."""
+"""Choosing a camera and objects for demonstrations: those that show a scene best."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.scene.scene import Scene
 
 THING_METRES = (0.8, 14.0)
-"""Longest side of a box that can be an object rather than a surface or a building."""
+"""Limits of the longest side of an object's box, metres; surfaces and buildings are larger."""
 MAX_SHARE = 0.35
-"""Of the picture: larger things are too near to make a good picture."""
+"""Largest share of the picture that an object may cover; larger ones are too near for a good picture."""
 TRIED_VIEWS, TRIED_WIDTH = 24, 320
 
 
 def choose_showpiece_view(renderer: FrameRenderer, session: EditorSession) -> int:
-    """Index of the dataset view whose two largest objects are largest, among evenly spread ones."""
+    """Choose, among evenly spread dataset views, the index of the one whose two largest objects are largest."""
     assert session.document is not None
     scene, before = session.document.scene, session.state
     tried = np.unique(np.linspace(0, len(scene.views) - 1, min(TRIED_VIEWS, len(scene.views))).round().astype(int))
@@ -38,7 +38,7 @@ def choose_showpiece_view(renderer: FrameRenderer, session: EditorSession) -> in
 
 
 def rank_objects(scene: Scene, ids: UInt32[ndarray, "h w"]) -> list[int]:
-    """Visible instances that can be objects: cars before others, then by area in the picture."""
+    """Rank visible instances that can be objects: cars before others, then by area in the picture."""
     present, areas = np.unique(ids[ids > 0], return_counts=True)
     share = dict(zip(present.tolist(), (areas / ids.size).tolist(), strict=True))
     things = [scene.table[i] for i in share if i in scene.table and share[i] <= MAX_SHARE]
@@ -47,11 +47,11 @@ def rank_objects(scene: Scene, ids: UInt32[ndarray, "h w"]) -> list[int]:
 
 
 def is_car(instance: Instance) -> bool:
-    """By its class, or where that is unknown by its name."""
+    """Whether an instance is a vehicle, by its class, or by its name where the class is unknown."""
     return is_vehicle(instance)
 
 
 def is_object_sized(instance: Instance) -> bool:
-    """Whether its box fits a thing of the street."""
+    """Whether an instance's box has the size of an object in a street."""
     low, high = np.array(instance.bounds[0]), np.array(instance.bounds[1])
     return THING_METRES[0] <= float((high - low).max()) <= THING_METRES[1]

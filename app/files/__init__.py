@@ -1,1 +1,1 @@
-"""Files as the editor names, lists and finds them."""
+"""Naming, listing and finding files for the user."""

@@ -1,4 +1,4 @@
-"""What the file browser lists of a folder."""
+"""Listing a folder for the file browser."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class FolderEntry:
 
     path: Path
     is_scene: bool
-    """Whether it can be opened; otherwise it is a folder to go into."""
+    """Whether it can be opened as a scene; otherwise it is a folder to enter."""
     size: int | None
     """Bytes; None for folders."""
     changed: float
@@ -26,7 +26,7 @@ class FolderEntry:
 
     @property
     def size_text(self) -> str:
-        """``4.2 MB``; empty for folders."""
+        """Size such as ``4.2 MB``; empty for folders."""
         if self.size is None:
             return ""
         value, unit = float(self.size), 0
@@ -36,16 +36,15 @@ class FolderEntry:
 
     @property
     def changed_text(self) -> str:
-        """Local date and time, to the minute."""
+        """Local date and time of the last change, to the minute."""
         return datetime.fromtimestamp(self.changed).strftime("%Y-%m-%d %H:%M")
 
 
 def list_folder(folder: Path, suffixes: tuple[str, ...], holds_scene: Callable[[Path], bool]) -> list[FolderEntry]:
-    """Folders, then files with one of the endings (lower case), each by name.
+    """List folders, then files with one of the endings (lower case), each by name.
 
-    Left out is what is hidden, and what has a name that cannot be shown because it is no UTF-8 text.
-
-    Nothing where the folder cannot be read. `holds_scene` tells folders that are scenes from those to go into.
+    Hidden entries are left out, as are names that cannot be shown because they are not UTF-8 text. A folder that
+    cannot be read lists nothing. `holds_scene` tells scene folders from those to enter.
     """
     try:
         found = [path for path in folder.iterdir() if not path.name.startswith(".") and is_displayable(path)]
@@ -60,7 +59,7 @@ def _create_entry(path: Path, suffixes: tuple[str, ...], holds_scene: Callable[[
         status = path.stat()
         if path.is_dir():
             return FolderEntry(path, holds_scene(path), None, status.st_mtime)
-    except OSError:  # gone meanwhile, or a link to nowhere
+    except OSError:  # deleted in the meantime, or a link to nowhere
         return None
     if not path.name.lower().endswith(suffixes):
         return None

@@ -11,21 +11,21 @@ SAMPLE = "sample_scene"
 
 
 class NoSceneError(InstDriveError):
-    """There is nothing to open."""
+    """There is no scene to open."""
 
 
 def has_sample_scene() -> bool:
-    """Whether this installation has it."""
+    """Whether this installation includes the sample scene."""
     return _find_path().exists()
 
 
 def find_sample_scene() -> Path:
-    """Where it is. Raises NoSceneError where it was left out."""
+    """Find the sample scene. Raises NoSceneError where the installation lacks it."""
     path = _find_path()
     if not path.exists():
         raise NoSceneError(
             f"this installation has no sample scene ({path} is missing); "
-            "name a scene: instdrive edit SCENE (a .ply file or a run folder)"
+            "name a scene: instdrive edit SCENE (a scene file or a run folder)"
         )
     return path
 

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec4, imgui
 from instdrive_app.memory import MemoryGauge
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, scale_pixels
-from instdrive_app.session.document_files import list_changes
+from instdrive_app.session.files.document_files import list_changes
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 
@@ -37,8 +37,8 @@ class StatusBar:
         """Counts, speed, memory and device, the most important first."""
         document, facts = ui.session.document, []
         if document is not None:
-            selected = int(np.count_nonzero(document.state.mask(Flag.SELECTED)))
-            deleted = np.count_nonzero(document.state.mask(Flag.DELETED))
+            selected = int(np.count_nonzero(document.state.find_mask(Flag.SELECTED)))
+            deleted = np.count_nonzero(document.state.find_mask(Flag.DELETED))
             facts += [f"{format_count(selected, 'splat')} selected", f"{len(document.scene) - deleted:,} in total"]
             if ui.view.frame_seconds:
                 facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")

@@ -89,7 +89,7 @@ class LiveView:
         row = self.renderer.read_row_at(snapshot, int(x), int(y)) if row is None else row
         if row is None or row < 0:
             return None
-        poses, _ = document.scene.at(snapshot.time)
+        poses, _ = document.scene.find_node_poses(snapshot.time)
         pose = poses[document.scene.nodes[row]]
         place = pose[:3, :3] @ document.compute_means(np.array([row]))[0] + pose[:3, 3]
         axis = snapshot.camera.camera_from_world[2]

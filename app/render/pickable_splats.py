@@ -23,8 +23,11 @@ class PickableSplats:
     def __init__(self, document: Document) -> None:
         self.document = document
         self._world = WorldMeans(document)
-        self._dirty_states, self._dirty_colors = document.state.dirty_reader(), document.colors.dirty_reader()
-        self._new = document.new_rows.reader()
+        self._dirty_states, self._dirty_colors = (
+            document.state.create_dirty_reader(),
+            document.colors.create_dirty_reader(),
+        )
+        self._new = document.new_rows.create_reader()
         self._present: ndarray | None = None
         self.log_sizes: Float32[ndarray, "n 1"] = np.zeros((0, 1), np.float32)
         """Natural logarithm of the longest axis in metres."""

@@ -21,7 +21,7 @@ class ShownFrame(FrameSnapshot):
     """Row of the splat that a click on a pixel means, -1 for none; a draft's array is smaller than the picture."""
     document: Document = field(repr=False, compare=False)
     rows_version: int = field(compare=False)
-    """The document's `rows_version` when the frame was drawn."""
+    """The document's `versions.rows` when the frame was drawn."""
 
     def read_row_at(self, x: float, y: float) -> int | None:
         """Row of the splat that a pixel stands for, -1 for none.

@@ -17,7 +17,7 @@ class WorldMeans:
 
     def __init__(self, document: Document) -> None:
         self._document = document
-        self._moves, self._new = document.transforms.dirty_reader(), document.new_rows.reader()
+        self._moves, self._new = document.transforms.create_dirty_reader(), document.new_rows.create_reader()
         self._key: tuple[Any, ...] | None = None
         self._driving = (0, 0)
         self._buffer = np.zeros((0, 3), np.float32)
@@ -37,7 +37,7 @@ class WorldMeans:
         ranges = [self._moves.take(), self._take_new_rows()]
         key = (time, document.versions.tracks)
         if key != self._key:
-            poses, self.present = scene.at(time)
+            poses, self.present = scene.find_node_poses(time)
             if not np.array_equal(poses, self.poses):
                 ranges.append(self._driving)
             self.poses, self._key = poses, key

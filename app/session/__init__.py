@@ -1,1 +1,1 @@
-"""The editor without a window: one document, the view of it, and what each action does to them."""
+"""The editor without a window: the open document, the view of it, and the controllers that change both."""

@@ -31,7 +31,7 @@ class DeletionController:
         if selects_whole_instances(document):
             self.delete(document.find_selected_instances())
             return
-        rows = document.state.rows_with(Flag.SELECTED)
+        rows = document.state.find_rows(Flag.SELECTED)
         if len(rows) and self._context.apply(DeleteSelected):
             self.review.review_rows(rows)
             self._context.state.hovered = 0
@@ -42,5 +42,5 @@ def selects_whole_instances(document: Document) -> bool:
     counts = document.count_states()
     chosen = counts.selected > 0
     whole = (counts.selected == counts.count - counts.deleted)[chosen].all()
-    alone = counts.selected.sum() == len(document.state.rows_with(Flag.SELECTED))
+    alone = counts.selected.sum() == len(document.state.find_rows(Flag.SELECTED))
     return bool(chosen.any() and whole and alone)

@@ -1,4 +1,4 @@
-"""What the last deletion left: looked for beside the window, shown over the picture, cleaned up on request."""
+"""Review of the last deletion: what it left is searched in the background, shown, and cleaned up on request."""
 
 from __future__ import annotations
 
@@ -20,38 +20,37 @@ from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.errors import EditError
 
 MOST_INSTANCES = 100
-"""Of more that are deleted at once nothing is told: that is no thing taken out of a scene, and looking at each takes
-minutes."""
+"""Deletions of more instances are not reviewed: that would take minutes, and no single object was taken out."""
 
 
 @dataclass
 class DeletionFindings:
-    """A report and what was done about it."""
+    """The report on a deletion, and what was done about it."""
 
     document: Document
     deletion: Edit
     report: DeletionReport
     residue: Float64[ndarray, "r 3"]
-    """Places of the residue, metres, in the frames of its nodes."""
+    """Positions of the residue in the frames of its nodes, metres."""
     nodes: UInt16[ndarray, " r"]
     absorption: Edit | None
-    """The edit that takes the residue away, done or not; None where there is none."""
+    """The edit that deletes the residue, done or not; None without residue."""
     fill_edit: Edit | None = None
     """The edit that filled the hole, once it was done."""
 
     @property
     def residue_count(self) -> int:
-        """Splats of residue that are still there."""
+        """Number of residue splats that are still there."""
         return 0 if self._is_done(self.absorption) else len(self.report.residue)
 
     @property
     def hole(self) -> Hole | None:
-        """The hole, while it is open."""
+        """The hole, until it is filled."""
         return None if self._is_done(self.fill_edit) or not self.report.hole_area else self.report.hole
 
     @property
     def is_current(self) -> bool:
-        """Whether the deletion is done, and anything is left of it."""
+        """Whether the deletion is done and leaves residue or a hole."""
         return self._is_done(self.deletion) and (self.residue_count > 0 or self.hole is not None)
 
     def _is_done(self, edit: Edit | None) -> bool:
@@ -59,7 +58,7 @@ class DeletionFindings:
 
 
 class DeletionReview:
-    """Follows deletions. Undoing what was cleaned up brings the report back, undoing the deletion takes it away."""
+    """Reviews deletions. Undoing the clean-up brings the report back, undoing the deletion removes it."""
 
     def __init__(self, context: SessionContext) -> None:
         self._context, self._jobs, self._messages = context, context.jobs, context.messages
@@ -68,18 +67,17 @@ class DeletionReview:
 
     @property
     def findings(self) -> DeletionFindings | None:
-        """What is to be shown; None where nothing is left of the last deletion."""
+        """What to show; None where the last deletion left nothing."""
         found, document = self._finding, self._context.document
         return found if found is not None and found.document is document and found.is_current else None
 
     @property
     def is_filling(self) -> bool:
-        """Whether a fill is being worked out."""
+        """Whether a fill is being computed."""
         return self._filling
 
     def review_instances(self, ids: Iterable[int]) -> None:
-        """Look at what deleting whole instances left, unless they were very many; the deletion is the last step of the
-        history."""
+        """Review the last step of the history, which deleted these whole instances."""
         ids, time = tuple(ids), self._context.state.time
         if len(ids) > MOST_INSTANCES:
             self._finding = None
@@ -87,12 +85,12 @@ class DeletionReview:
         self._look(lambda frozen: report_deletion(frozen, ids, time))
 
     def review_rows(self, rows: Int64[ndarray, " m"]) -> None:
-        """Look at what deleting some splats left; the deletion is the last step of the history."""
+        """Review the last step of the history, which deleted the splats of these rows."""
         time = self._context.state.time
         self._look(lambda frozen: report_row_deletion(frozen, rows, time))
 
     def absorb(self) -> None:
-        """Delete the residue, too."""
+        """Delete the residue as well."""
         found = self.findings
         if found is None or not found.residue_count or found.absorption is None:
             return
@@ -100,7 +98,7 @@ class DeletionReview:
             self._messages.info(f"{len(found.report.residue):,} splats of residue deleted")
 
     def fill(self) -> None:
-        """Fill the hole with ground from around, worked out beside the window."""
+        """Fill the hole with ground like that around it, computed in the background."""
         found, document = self.findings, self._context.document
         edit = found.report.make_fill_edit() if found is not None and found.hole is not None else None
         if self._filling or found is None or edit is None or document is None:
@@ -125,7 +123,7 @@ class DeletionReview:
         )
 
     def clear(self) -> None:
-        """Show the report no longer."""
+        """Dismiss the report."""
         self._finding = None
 
     def _look(self, work: Callable[[Document], DeletionReport]) -> None:
@@ -148,4 +146,4 @@ class DeletionReview:
                 self._finding = found
                 self._messages.info(f"Deleted {found.report.name}: {found.report.summary}")
 
-        self._jobs.submit_in_background("Looking at what is left", look, finish)
+        self._jobs.submit_in_background("Reviewing the deletion", look, finish)

@@ -12,14 +12,14 @@ from instdrive_app.session.bounds_updater import BoundsUpdater
 from instdrive_app.session.color_controller import ColorController
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.deletion_controller import DeletionController
-from instdrive_app.session.document_files import DocumentFiles
 from instdrive_app.session.export_controller import ExportController
+from instdrive_app.session.files.document_files import DocumentFiles
+from instdrive_app.session.files.opening import OpenedDocument
 from instdrive_app.session.history_controller import HistoryController
 from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.navigation import Navigation
-from instdrive_app.session.opening import OpenedDocument
 from instdrive_app.session.reference_pictures import ReferencePictures
 from instdrive_app.session.requests import OfferCleanup, RequestQueue, do_nothing
 from instdrive_app.session.selection_controller import SelectionController

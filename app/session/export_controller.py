@@ -1,4 +1,4 @@
-"""Exporting from the editor: what was chosen, and writing it beside the window."""
+"""Exporting from the editor: the choice in the dialog, and writing it in the background."""
 
 from __future__ import annotations
 
@@ -7,41 +7,41 @@ from pathlib import Path
 
 from instdrive_app.files.file_names import find_working_folder
 from instdrive_app.session.context import SessionContext
-from instdrive_app.session.document_files import DocumentFiles
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
+from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_core.project.export import make_file_name
 from instdrive_core.project.sources import is_source
 
 
 class ExportController:
-    """Keeps the choice of the export dialog, and carries exports out."""
+    """Holds the choice of the export dialog, and writes exports."""
 
     def __init__(self, context: SessionContext, files: DocumentFiles) -> None:
         self._context, self._files = context, files
         self.choice = ExportChoice()
         self.amounts: dict[What, str] = {}
-        """How much there is of each kind; empty where there is nothing."""
+        """How much there is of each kind, for the user; empty where there is nothing."""
 
     @property
     def kind(self) -> ExportKind:
-        """What the choice is about."""
+        """The kind of export that is chosen."""
         return KINDS[self.choice.what]
 
     def begin(self, what: What = "scene") -> None:
-        """Forget the last choice: an export is of the whole scene unless something else is asked for."""
+        """Reset the choice; by default the whole scene is exported."""
         self.choice = ExportChoice(what)
         document = self._context.document
-        # Once, since counting a million splats takes longer than a frame has; nothing changes while the dialog is open.
+        # Once, since counting a million splats takes longer than a frame; nothing changes while the dialog is open.
         self.amounts = {name: kind.amount(document) for name, kind in KINDS.items()} if document is not None else {}
 
     def propose_path(self) -> Path:
-        """A path for what is chosen, in the folder of the last export or of the scene."""
+        """Propose a path for the choice, in the folder of the last export or of the scene."""
         near = self._files.last_export or self._files.path
         return (near.resolve().parent if near else find_working_folder()) / self._propose_name()
 
     def propose_path_in(self, path: str) -> Path:
-        """The same in the folder of the path as it is typed."""
-        folder = Path(os.path.expanduser(path))  # these never raise, whatever is typed
+        """Propose a path for the choice, in the folder of a path as it is typed."""
+        folder = Path(os.path.expanduser(path))  # unlike Path's methods these never raise, whatever is typed
         return (folder if os.path.isdir(folder) else folder.parent) / self._propose_name()
 
     def _propose_name(self) -> str:
@@ -53,18 +53,18 @@ class ExportController:
         return f"{stem}{self.kind.suggestion}"
 
     def write(self, path: Path, choice: ExportChoice | None = None) -> None:
-        """Write what is chosen, as it is at the shown moment; the last choice of the dialog where none is given."""
+        """Write a choice, by default that of the dialog, as it is at the shown time."""
         document = self._context.document
         if document is None:
             return
         if is_source(path, document):
-            self._context.messages.error(f"{path.name} is what the edits build on; export under another name")
+            self._context.messages.error(f"{path.name} is the scene that the edits build on. Export under another name")
             return
-        request = ExportRequest.of(document, path, choice or self.choice, self._context.state)
+        request = ExportRequest.capture(document, path, choice or self.choice, self._context.state)
         write = KINDS[request.choice.what].write
 
-        def finish(told: str) -> None:
+        def finish(message: str) -> None:
             self._files.last_export = path
-            self._context.messages.info(told)
+            self._context.messages.info(message)
 
         self._context.jobs.submit(f"Exporting {path.name}", lambda: write(request), finish)

@@ -1,4 +1,4 @@
-"""What can be exported of an edited scene, and how each of it is written. A new kind is an entry of `KINDS`."""
+"""What can be exported of an edited scene, and how it is written. A new kind is an entry of `KINDS`."""
 
 from __future__ import annotations
 
@@ -42,29 +42,29 @@ _MODES: dict[ViewMode, Mode] = {
 
 @dataclass(frozen=True)
 class ExportChoice:
-    """What the user chose beside the path."""
+    """Everything the user chose besides the path."""
 
     what: What = "scene"
     suffix: str = ".ply"
     """Ending of the files in a folder of instances or actors."""
     sibr: bool = False
-    """Whether a .ply is written for SIBR viewers."""
+    """Whether a .ply is written in the layout of SIBR viewers."""
     keep_tracks: bool = True
-    """Whether actors keep their tracks in a scene folder; else they stand where they are at the time shown."""
+    """Whether actors keep their tracks in a scene folder; else they stand where they are at the shown time."""
     hulls: bool = False
-    """Convex hulls instead of boxes."""
+    """Whether convex hulls are written instead of boxes."""
     coco: bool = False
-    """Masks in COCO's panoptic format instead of plain pictures."""
+    """Whether masks are written in COCO's panoptic format instead of plain pictures."""
     scale: float = 1.0
-    """Size of pictures, relative to the cameras' films."""
+    """Size of pictures relative to the cameras' films."""
 
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """All that writing needs; taken on the UI's thread, written beside it."""
+    """Everything that writing needs; made on the UI's thread, written on another."""
 
     document: Document
-    """Not edited meanwhile."""
+    """Must not be edited while it is written."""
     path: Path
     choice: ExportChoice
     time: float
@@ -73,8 +73,8 @@ class ExportRequest:
     show_sky: bool
 
     @classmethod
-    def of(cls, document: Document, path: Path, choice: ExportChoice, state: EditorState) -> ExportRequest:
-        """What is shown now."""
+    def capture(cls, document: Document, path: Path, choice: ExportChoice, state: EditorState) -> ExportRequest:
+        """Capture the time and view shown now."""
         return cls(document, path, choice, state.time, state.viewpoint, state.view_mode, state.show_sky)
 
 
@@ -84,17 +84,17 @@ class ExportKind:
 
     title: str
     write: Callable[[ExportRequest], str]
-    """Writes it, and says what was written."""
+    """Writes it, and returns what was written, for the user."""
     endings: tuple[str, ...] = ()
-    """Endings of the file; empty where a folder is filled."""
+    """Endings of the file; empty for a folder of files."""
     scene_folder: bool = False
-    """Whether the path can be that of a scene folder, too."""
+    """Whether the path can also be that of a scene folder."""
     suggestion: str = ""
-    """End of the name that is proposed, after the scene's own."""
+    """End of the proposed name, after the scene's own."""
     amount: Callable[[Document], str] = lambda _: ""
-    """How much that is; empty where there is nothing."""
+    """Says how much there is to export; empty for nothing."""
     missing: str = ""
-    """What is said where there is nothing."""
+    """What the user reads where there is nothing to export."""
 
     @property
     def takes_folder(self) -> bool:
@@ -103,13 +103,13 @@ class ExportKind:
 
 
 def choose_instances(document: Document) -> tuple[int, ...]:
-    """The selected instances, or all that are left."""
+    """Choose the selected instances, or all that are left."""
     counts = document.count_states()
     return document.find_selected_instances() or tuple(counts.ids[counts.count > counts.deleted].tolist())
 
 
 def choose_actors(document: Document) -> tuple[int, ...]:
-    """Nodes of the actors with anything selected, or of all that are left."""
+    """Choose the nodes of the actors with anything selected, or of all that are left."""
     return find_selected_actors(document) or find_remaining_actors(document)
 
 
@@ -135,7 +135,7 @@ def _write_instances(request: ExportRequest) -> str:
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_instances(request.document, request.path, ids, request.time, choice.suffix, sibr=sibr)
     skipped = (
-        f"; {format_count(written.skipped, 'instance')} not there at {request.time:g} s" if written.skipped else ""
+        f"; {format_count(written.skipped, 'instance')} not present at {request.time:g} s" if written.skipped else ""
     )
     return f"{_describe_parts(written, 'instance', request.path)}{skipped}"
 
@@ -188,7 +188,7 @@ def _write_view(request: ExportRequest) -> str:
 
 
 def _bake_shown_scene(request: ExportRequest) -> Scene:
-    """What is drawn: without what is hidden, and with the tracks."""
+    """Bake what is drawn: nothing hidden, tracks kept."""
     document = request.document
     with report_span(0.0, _BAKING):
         scene = bake_document(document, None, np.flatnonzero(document.state.drawn))
@@ -208,12 +208,12 @@ def _describe_parts(written: ExportedParts, noun: str, folder: Path) -> str:
 
 
 def _count_splats(document: Document) -> str:
-    left = len(document.state) - len(document.state.rows_with(Flag.DELETED))
+    left = len(document.state) - len(document.state.find_rows(Flag.DELETED))
     return format_count(left, "splat") if left else ""
 
 
 def _count_selected_splats(document: Document) -> str:
-    count, instances = len(document.state.rows_with(Flag.SELECTED)), len(document.find_selected_instances())
+    count, instances = len(document.state.find_rows(Flag.SELECTED)), len(document.find_selected_instances())
     return f"{format_count(count, 'splat')} of {format_count(instances, 'instance')}" if count else ""
 
 
@@ -287,4 +287,4 @@ KINDS: dict[What, ExportKind] = {
     ),
     "view": ExportKind("Picture of this view", _write_view, (".png",), suggestion="_view.png", amount=_count_splats),
 }
-"""In the order of the dialog."""
+"""Kinds in the order of the dialog."""

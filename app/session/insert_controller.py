@@ -1,4 +1,4 @@
-"""Inserting other scenes: before the camera, side by side, on the ground, selected."""
+"""Inserting other scenes: in front of the camera, side by side, on the ground, selected."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ from instdrive_core.instances.table import compute_middle_bounds
 from instdrive_core.scene.scene import Scene, place_in_world
 
 NEAREST = 8.0
-"""Metres before the camera at which a small thing is put; larger ones farther."""
+"""Metres from the camera to a small inserted object; larger ones stand farther away."""
 GAP = 1.0
-"""Metres between things inserted together."""
+"""Metres between scenes inserted together."""
 EYE_HEIGHT = 1.6
-"""Metres below the camera where no ground is found."""
+"""Metres below the camera at which a scene stands where no ground is found."""
 
 
 class InsertController:
-    """Opens a scene beside the window and puts it into the open document."""
+    """Opens scenes in the background and inserts them into the open document."""
 
     def __init__(self, context: SessionContext, movement: MoveController) -> None:
         self._context, self._state, self._jobs = context, context.state, context.jobs
         self._messages, self._movement = context.messages, movement
 
     def insert(self, path: Path, *others: Path) -> None:
-        """Insert all of one or more scene files or folders, a step each; they are selected and taken in hand.
+        """Insert scene files or folders, one step each; they are selected, and the move tool is taken.
 
-        What cannot be read is told and left out.
+        What cannot be read is reported and left out.
         """
         self._insert_next((path, *others), None)
 
     def _insert_next(self, paths: tuple[Path, ...], edge: float | None) -> None:
-        """Insert the first path, then the others; `edge`: where what was inserted before it ends (see `Spot`).
+        """Insert the first path, then the others; `edge`: where the scene inserted before ends (see `Spot`).
 
-        One after the other, because the ground is looked for beside the window, in a document that must not change.
+        One after the other, because the ground is searched in the background, in a document that must not change.
         """
         document, viewpoint, time = self._context.document, self._state.viewpoint, self._state.time
         if document is None or not paths:
@@ -75,18 +75,18 @@ class InsertController:
 
 @dataclass(frozen=True)
 class Spot:
-    """Where a scene is put."""
+    """Where a scene is inserted."""
 
     translation: Vector
-    """Metres by which it has to be moved."""
+    """Metres by which the scene has to be moved."""
     edge: float
-    """Where it ends then: metres to the right of the camera's axis."""
+    """Where the moved scene ends: metres to the right of the camera's axis."""
     note: str
     """What the user should know about it."""
 
 
 def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: float, edge: float | None = None) -> Spot:
-    """Before the camera on the ground; to the right of `edge` where something was put there already.
+    """Find a place on the ground in front of the camera; right of `edge` where a scene was inserted already.
 
     Raises EditError where the scene has no splats.
     """
@@ -103,13 +103,14 @@ def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: flo
     try:
         ground = find_ground_below(document, (), place)
     except EditError as error:
-        ground, note = float(viewpoint.position[2]) - EYE_HEIGHT, f"; {error}, so it stands at the camera's foot height"
+        ground = float(viewpoint.position[2]) - EYE_HEIGHT
+        note = f"; {error}, so it stands {EYE_HEIGHT:g} m below the camera"
     x, y = (place - (low + high) / 2)[:2].tolist()
     return Spot((x, y, ground - bottom), aside + half_width, note)
 
 
 def _find_place_ahead(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"]:
-    """A place ahead (what is below the camera's level does not count); under the pivot where the camera looks down."""
+    """Find a place level with the camera ahead of it; the pivot where the camera looks down."""
     ahead = viewpoint.forward * [1.0, 1.0, 0.0]
     if np.linalg.norm(ahead) < 0.2:
         return viewpoint.pivot
@@ -117,7 +118,7 @@ def _find_place_ahead(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"
 
 
 def _find_right(viewpoint: Viewpoint) -> Float64[ndarray, "3"]:
-    """Unit vector to the right in the picture, level."""
+    """Compute the level unit vector that points right in the picture."""
     right = viewpoint.world_from_camera[:3, 0] * [1.0, 1.0, 0.0]
     length = np.linalg.norm(right)
     return right / length if length > 0.2 else np.array([1.0, 0.0, 0.0])
@@ -126,6 +127,6 @@ def _find_right(viewpoint: Viewpoint) -> Float64[ndarray, "3"]:
 def _find_solid_means(source: Scene, time: float) -> Float64[ndarray, "n 3"]:
     gaussians = source.gaussians
     rows = np.flatnonzero(find_solid(gaussians.opacities))
-    poses, _ = source.at(time)
+    poses, _ = source.find_node_poses(time)
     means, _ = place_in_world(gaussians.means[rows], gaussians.quats[rows], source.nodes[rows], poses)
     return means.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Repairing labels: which splats belong to which instance, and of which class instances are."""
+"""Repairing labels: which instance splats belong to, and which class instances have."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Ids = tuple[int, ...]
 
 
 class LabelController:
-    """The verbs of label repair; each is one step of the history."""
+    """Repairs labels; each repair is one step of the history."""
 
     def __init__(self, context: SessionContext) -> None:
         self._context, self._jobs, self._messages = context, context.jobs, context.messages
 
     def merge(self, ids: Ids, into: int | None = None) -> None:
-        """Make several instances one: `into`, or the one with the most splats."""
+        """Merge instances `into` one of them, by default the one with the most splats."""
         document = self._context.document
         if document is None or len(ids) < 2:
             return
@@ -38,7 +38,7 @@ class LabelController:
             self._messages.info(f"{table[target].name} now has {format_count(table[target].count, 'splat')}")
 
     def split(self, split: SplitInstance) -> None:
-        """Make parts of an instance that are apart instances of their own: at once, where the edit is prepared."""
+        """Split an instance into its separate parts; immediate where the edit is prepared."""
         document = self._context.document
         before = len(document.scene.table) if document else 0
         if document is not None and self._context.apply(split):
@@ -46,7 +46,7 @@ class LabelController:
             self._messages.info(f"{format_count(count, 'new instance')} from {_find_name(document, split.id)}")
 
     def reassign(self, into: int | None) -> None:
-        """Give the selected splats to an instance, to a new one (None), or to none (0)."""
+        """Assign the selected splats to an instance, to a new one (None), or to none (0)."""
         document = self._context.document
         if document is None or not self._context.apply(lambda: ReassignSelected(into)):
             return
@@ -58,7 +58,7 @@ class LabelController:
             self._messages.info("The selected splats belong to no instance")
 
     def absorb(self, ids: Ids) -> None:
-        """Give the strays in and around instances to them, looked for beside the window."""
+        """Assign the floaters in and around instances to them; they are searched in the background."""
         document = self._context.document
         if document is None or not ids:
             return
@@ -68,14 +68,14 @@ class LabelController:
             for number, edit in enumerate(edits):
                 report(number / len(edits))
                 edit.prepare(frozen)
-                copy(edit).do(frozen)  # the next one finds what this one leaves
+                copy(edit).do(frozen)  # so that the next one finds only what this one leaves
 
         def finish(_: None) -> None:
             if self._context.document is not document:
                 return
             if edits[0].is_prepared_for(document):
                 self._absorb(document, edits)
-            else:  # edited meanwhile: look again, beside the window, too
+            else:  # the document was edited in the meantime: search again
                 self.absorb(tuple(i for i in ids if i in document.scene.table))
 
         self._jobs.submit("Looking for floaters", look, finish, modal=False)
@@ -92,16 +92,16 @@ class LabelController:
             self._messages.info(f"{format_count(count, 'floater')} absorbed" if count > 0 else "No floaters were found")
 
     def rename(self, instance: int, name: str) -> None:
-        """Give an instance another name."""
+        """Rename an instance."""
         self._context.apply(lambda: RenameInstance(instance, name))
 
     def set_class(self, ids: Ids, class_name: str) -> None:
-        """Set the class of instances; an empty one means unknown."""
+        """Set the class of instances; an empty name means unknown."""
         if ids:
             self._context.apply(lambda: SetClass(ids, class_name))
 
     def list_classes(self) -> tuple[str, ...]:
-        """The classes that occur in the scene, in alphabetical order."""
+        """List the classes that occur in the scene, in alphabetical order."""
         document = self._context.document
         if document is None:
             return ()

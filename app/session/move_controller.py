@@ -1,4 +1,4 @@
-"""Moving what is selected, by a gizmo's drags and by typed numbers, and copying it."""
+"""Moving the selection, by drags of a gizmo and by typed numbers, and duplicating it."""
 
 from __future__ import annotations
 
@@ -30,63 +30,63 @@ from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.scene.transforms import extract_scale
 
 COPY_GAP = 0.5
-"""Metres between a thing and its copy."""
+"""Metres between an object and its copy."""
 Ids = tuple[int, ...]
 
 
 @dataclass
 class MoveOptions:
-    """What moves are bound to."""
+    """Constraints of moves."""
 
     on_ground: bool = False
     along_lane: bool = False
     yaw_only: bool | None = None
-    """None: for vehicles and whatever drives."""
+    """None: vehicles and actors turn about the vertical only."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the selection is, in numbers that can be typed."""
+    """Position of the selection, heading and size of its first instance, as numbers to type."""
 
     position: Vector
-    """Its centre in the world, metres."""
+    """Centre of the selection in the world, metres."""
     yaw: float
-    """Degrees about the vertical: of an actor in the world, else since it was trained. Of several the first one's."""
+    """Degrees about the vertical: an actor's heading in the world, else the turn since training; the first one's."""
     scale: float
-    """Relative to the size it was trained with. Of several the first one's."""
+    """Size relative to the trained one; the first one's."""
 
 
 @dataclass
 class Drag:
-    """One drag of the gizmo: every frame moves from where it began, so that nothing adds up."""
+    """One drag of the gizmo; every frame moves from its start, so that no errors add up."""
 
     document: Document
     ids: Ids
     time: float
     gesture: str
     center: Float64[ndarray, "3"]
-    """Where the centre was when it began, metres."""
+    """Centre of the selection at the start, metres."""
     axes: Float64[ndarray, "3 3"]
     """The gizmo's axes, as columns."""
-    told: bool = False
-    """Whether the user was told what hinders it."""
+    is_reported: bool = False
+    """Whether the user was told what prevents the move."""
 
 
 class MoveController:
-    """All methods are about the selected instances at the shown moment."""
+    """Moves the selected instances at the shown time."""
 
     def __init__(self, context: SessionContext) -> None:
         self._context, self._state, self._messages = context, context.state, context.messages
         self.options = MoveOptions()
         self.drag: Drag | None = None
-        """The one under way."""
+        """The drag in progress."""
         self._gestures = count()
         self._boxes = SelectionBoxes()
         self._lane: tuple[object, Float64[ndarray, "3"] | None] | None = None
 
     @property
     def ids(self) -> Ids:
-        """The selected instances."""
+        """IDs of the selected instances."""
         document = self._context.document
         return document.find_selected_instances() if document is not None else ()
 
@@ -101,19 +101,19 @@ class MoveController:
         instances = [document.scene.table[number] for number in self.ids]
         return all(instance.node or is_vehicle(instance) for instance in instances)
 
-    def box(self) -> Box:
-        """The box of the selection, which is not empty."""
-        return self._boxes.find_box(self._require_document, self.ids, self._state.time)
+    def find_box(self) -> Box:
+        """Find the box of the selection, which must not be empty."""
+        return self._boxes.find_box(self._document, self.ids, self._state.time)
 
-    def center(self) -> Float64[ndarray, "3"]:
-        """The centre of the box: unlike that of the bounds it stays where it is as things turn about it."""
-        return self.box().center
+    def find_center(self) -> Float64[ndarray, "3"]:
+        """Find the centre of the box; unlike that of the bounds it does not move as instances turn."""
+        return self.find_box().center
 
-    def lane(self) -> Float64[ndarray, "3"] | None:
-        """Unit direction of the lane at the selection, which is not empty; None where no lane is known."""
+    def find_lane(self) -> Float64[ndarray, "3"] | None:
+        """Find the unit direction of the lane at the selection (not empty); None where there is no lane."""
         if self._lane is not None and self.drag is not None:
             return self._lane[1]
-        document, ids, time, place = self._require_document, self.ids, self._state.time, self.center()
+        document, ids, time, place = self._document, self.ids, self._state.time, self.find_center()
         key = (ref(document), ids, time, place.tobytes(), document.versions.tracks)
         if self._lane is None or self._lane[0] != key:
             try:
@@ -122,17 +122,17 @@ class MoveController:
                 self._lane = (key, None)
         return self._lane[1]
 
-    def placement(self) -> Placement:
-        """Where the selection, which is not empty, is now."""
-        document, time = self._require_document, self._state.time
+    def find_placement(self) -> Placement:
+        """Find the present placement of the selection, which must not be empty."""
+        document, time = self._document, self._state.time
         first = document.scene.table[self.ids[0]]
         matrix = document.transforms.get_move(int(document.transforms.indices[document.find_rows((first.id,))[0]]))
-        turned = document.scene.actors[first.node - 1].pose_at(time) if first.node else matrix
+        turned = document.scene.actors[first.node - 1].interpolate_pose(time) if first.node else matrix
         yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
-        return Placement(_as_vector(self.center()), yaw, extract_scale(matrix))
+        return Placement(_as_vector(self.find_center()), yaw, extract_scale(matrix))
 
     def place(self, before: Placement, wanted: Placement, gesture: str | None = None) -> None:
-        """Move from a placement to another one; on the ground, where that is asked for and no height was."""
+        """Move from one placement to another; onto the ground where that is switched on and no height was typed."""
         if not self.ids:
             return
         half = math.radians(wanted.yaw - before.yaw) / 2
@@ -150,38 +150,38 @@ class MoveController:
         )
 
     def shift_along_lane(self, metres: float, gesture: str | None = None) -> None:
-        """Move forwards along the lane, or back; what has the same `gesture` is one step, told from its beginning."""
-        document, ids, time, ground = self._require_document, self.ids, self._state.time, self.options.on_ground
+        """Move along the lane by metres since the start of the `gesture`, whose moves become one step."""
+        document, ids, time, ground = self._document, self.ids, self._state.time, self.options.on_ground
 
         def edit() -> MoveInstances:
-            shift = _as_vector(find_lane(document, ids, self.center(), time) * metres)
+            shift = _as_vector(find_lane(document, ids, self.find_center(), time) * metres)
             return MoveInstances(ids, shift, time=time, on_ground=ground)
 
         self._context.apply(edit, gesture)
 
     def put_on_ground(self) -> None:
-        """Set the selection down where it is."""
+        """Lift or lower the selection onto the ground."""
         ids, time = self.ids, self._state.time
         self._context.apply(lambda: MoveInstances(ids, time=time, on_ground=True))
 
     def reset(self) -> None:
-        """Back to where the scene's file has it."""
+        """Move the selection back to where it is in the scene's file."""
         self._context.apply(lambda: ResetMoves(self.ids))
 
     def duplicate(self) -> None:
-        """Copy the selection beside itself, along the lane where there is one, select the copy and take it in hand."""
+        """Copy the selection beside itself, along a lane where there is one; select the copy and take the move tool."""
         document, ids = self._context.document, self.ids
         if document is None or not ids:
             return
-        lane = self.lane()
+        lane = self.find_lane()
         direction = np.array([1.0, 0.0, 0.0]) if lane is None else lane
-        edit = DuplicateInstances(ids, _as_vector(direction * (self.box().extent(direction) + COPY_GAP)))
+        edit = DuplicateInstances(ids, _as_vector(direction * (self.find_box().extent(direction) + COPY_GAP)))
         if self.apply_and_select(edit, len(ids)):
             self._state.tool = "move"
 
     def apply_and_select(self, edit: AppendEdit, instances: int, mode: SelectMode = "replace") -> bool:
-        """Do an edit that adds so many instances, and select them, in one step; returns whether that was done."""
-        document = self._require_document
+        """Do an edit that adds so many instances, and select them, as one step; returns whether that was done."""
+        document = self._document
 
         def both() -> CompoundEdit:
             added = tuple(entry.id for entry in create_instances(document, [None] * instances))
@@ -192,18 +192,18 @@ class MoveController:
     # ------------------------------------------------------------------ drags
 
     def begin_drag(self, axes: Float64[ndarray, "3 3"]) -> None:
-        """The gizmo, with these axes, was grasped."""
+        """Begin a drag of the gizmo with these axes (columns)."""
         gesture = f"gizmo {next(self._gestures)}"
-        self.drag = Drag(self._require_document, self.ids, self._state.time, gesture, self.center(), axes)
+        self.drag = Drag(self._document, self.ids, self._state.time, gesture, self.find_center(), axes)
 
     def drag_to(self, shift: Float[ndarray, "3"], rotation: Float[ndarray, "3 3"], scale: float) -> None:
-        """Where the drag has come: metres, a rotation matrix and a factor, all since it began."""
+        """Move by a shift (metres), a rotation matrix and a scale factor, all since the drag began."""
         drag = self.drag
         if drag is None or drag.document is not self._context.document or drag.ids != self.ids:
             self.drag = None
             return
-        lane = self.lane() if self.options.along_lane else None
-        if lane is not None:  # looked for once: in a scene without cameras that takes longer than a frame
+        lane = self.find_lane() if self.options.along_lane else None
+        if lane is not None:  # found once: in a scene without cameras that takes longer than a frame
             shift = lane * (lane @ shift)
         try:
             edit = MoveInstances(
@@ -214,27 +214,27 @@ class MoveController:
                 _as_vector(drag.center),
                 drag.time,
                 yaw_only=self.yaw_only,
-                along_lane=self.options.along_lane and lane is None,  # then it says that no lane is known
+                along_lane=self.options.along_lane and lane is None,  # then the edit reports that no lane is known
                 on_ground=self.options.on_ground,
             )
             drag.document.apply(edit, drag.gesture)
         except EditError as error:
-            if not drag.told:  # else the same message would be told in every frame
+            if not drag.is_reported:  # else the same message would appear in every frame
                 self._messages.error(user_message(error))
-            drag.told = True
+            drag.is_reported = True
 
     def cancel_drag(self) -> None:
-        """Put everything back to where the drag began."""
+        """End the drag and move everything back to where it began."""
         drag, self.drag = self.drag, None
         if drag is not None and drag.document is self._context.document and drag.ids == self.ids:
             self._context.apply(lambda: MoveInstances(drag.ids, time=drag.time), drag.gesture)
 
     def end_drag(self) -> None:
-        """The gizmo was let go."""
+        """End the drag."""
         self.drag = None
 
     @property
-    def _require_document(self) -> Document:
+    def _document(self) -> Document:
         document = self._context.document
         assert document is not None, "no document is open"
         return document
@@ -246,5 +246,5 @@ def _as_vector(values: Float[ndarray, "3"]) -> Vector:
 
 
 def clamp_scale(scale: float) -> float:
-    """The nearest scale that a move may have."""
+    """Limit a scale factor to those that a move may have."""
     return float(np.clip(scale, *SCALE_LIMITS))

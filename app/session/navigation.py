@@ -1,4 +1,4 @@
-"""Where the user looks from and at which moment of the drive."""
+"""Where the user looks from, and at which time of the drive."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity
 
 MAX_LOOKED_AT = 20_000
-"""Splats that decide where something is looked at from."""
+"""Number of splats that a viewpoint is chosen by."""
 
 LOWEST, HIGHEST = -0.7, 0.2
-"""Vertical part of the directions that one may look in after the scene was turned."""
+"""Limits of the vertical part of the viewing direction after the scene was turned."""
 
 
 class Navigation:
-    """Writes camera and time of the view state; dataset cameras and moments come from the open document."""
+    """Sets camera and time of the view state; dataset cameras and time steps come from the open document."""
 
     def __init__(self, context: SessionContext) -> None:
         self._context, self._state = context, context.state
         self.timeline = Timeline(())
         self.playing = False
-        """Whether the drive plays."""
+        """Whether the drive is playing."""
         self._play_clock = 0.0
 
     def enter(self, document: Document) -> None:
-        """Look at a document for the first time: through its first dataset camera, else from where it fits."""
+        """Choose the first view of a document: its first dataset camera, else one that shows everything."""
         scene = document.scene
         self.timeline = Timeline(scene.views, scene.actors)
         self._state.time, self._state.dataset_view = self.timeline.start, None
@@ -42,11 +42,11 @@ class Navigation:
             self.look_from(camera.frame_scene(self.compute_world_means(())))
 
     def look_from(self, viewpoint: Viewpoint) -> None:
-        """Leave the dataset camera and look from elsewhere."""
+        """Leave the dataset camera and look from a viewpoint."""
         self._state.viewpoint, self._state.dataset_view = viewpoint, None
 
     def look_through(self, index: int) -> None:
-        """Look through a dataset camera, at its moment."""
+        """Look through a dataset camera, at its time."""
         document = self._context.document
         assert document is not None
         view = document.scene.views[index]
@@ -54,7 +54,7 @@ class Navigation:
         self._state.dataset_view, self._state.time = index, view.time
 
     def set_time(self, time: float) -> None:
-        """Show another moment; a dataset camera moves along to its nearest photo, the moment is then the photo's."""
+        """Show another time (seconds); a dataset camera moves to its nearest photo, whose time is then shown."""
         self._state.time = time
         current, document = self._state.dataset_view, self._context.document
         if current is not None and document is not None:
@@ -62,12 +62,12 @@ class Navigation:
             self.look_through(self.timeline.find_nearest_view(name, time))
 
     def step(self, count: int) -> None:
-        """Go `count` time steps onwards, around the ends."""
+        """Go `count` time steps forwards, from the end back to the start."""
         if self.timeline.steps:
             self.set_time(self.timeline.step_time(self._state.time, count))
 
     def choose_camera(self, name: str) -> None:
-        """Look through the dataset camera of this name at the present moment."""
+        """Look through the dataset camera of this name at the shown time."""
         self.look_through(self.timeline.find_nearest_view(name, self._state.time))
 
     def frame(self, ids: tuple[int, ...]) -> None:
@@ -79,7 +79,7 @@ class Navigation:
             self.look_from(camera.frame_points(self._state.viewpoint, means))
 
     def follow_scene(self, matrix: Similarity) -> None:
-        """The whole scene was turned and scaled by [s R | t]: look at the same thing, but with the picture upright.
+        """Keep looking at the same thing, upright, after the whole scene was transformed by [s R | t].
 
         Where that would be from below or straight from above, everything is brought into view instead.
         """
@@ -91,7 +91,7 @@ class Navigation:
             self.look_from(camera.frame_scene(self.compute_world_means(())))
 
     def look_down(self, ids: tuple[int, ...]) -> None:
-        """See instances, or everything, from straight above."""
+        """Look at instances, or everything, from straight above."""
         if self._context.document is None:
             return
         means = self.compute_world_means(ids)
@@ -99,9 +99,9 @@ class Navigation:
             self.look_from(camera.look_straight_down(self._state.viewpoint, means))
 
     def compute_world_means(self, ids: tuple[int, ...]) -> Float[ndarray, "n 3"]:
-        """World positions of instances at the shown moment, deleted splats left out; of all for no IDs.
+        """Compute world positions of instances, or of everything, at the shown time, without deleted splats.
 
-        Of many splats it is every k-th: a place to look from needs no more, and a million take longer than a frame.
+        Returns every k-th of many splats: choosing a viewpoint needs no more, and a million take longer than a frame.
         """
         document = self._context.document
         assert document is not None
@@ -109,12 +109,12 @@ class Navigation:
         rows = document.find_rows(ids) if ids else np.arange(len(scene))
         rows = rows[:: 1 + len(rows) // MAX_LOOKED_AT]
         rows = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
-        poses, _ = scene.at(self._state.time)
+        poses, _ = scene.find_node_poses(self._state.time)
         matrices = poses[scene.nodes[rows]]
         return np.einsum("nij,nj->ni", matrices[:, :3, :3], document.compute_means(rows)) + matrices[:, :3, 3]
 
     def tick(self, seconds: float) -> None:
-        """Once a frame: where the drive plays, go on by `seconds`."""
+        """Advance a playing drive by `seconds`; called once a frame."""
         steps = self.timeline.steps
         if not self.playing or len(steps) < 2:
             return

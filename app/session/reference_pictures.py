@@ -1,4 +1,4 @@
-"""The photo that a dataset camera took, and its masks, read beside the window for comparison with the splats."""
+"""Photos of dataset cameras and their masks, read in the background to compare the splats with."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from instdrive_core.masks.label_map_folder import SIDECAR, FrameMasks, open_mask
 from instdrive_core.scene.camera import CameraView
 
 _log = logging.getLogger(__name__)
-KEPT = 16
-"""Pictures kept in memory: a short walk back and forth reads nothing again."""
+MAX_PICTURES = 16
+"""Pictures kept in memory, so that going a few steps back and forth reads nothing again."""
 MAX_WIDTH = 1920
-"""Pixels; wider photos are averaged down."""
+"""Pixels; wider photos are scaled down."""
 SKY_COLOR = (120, 170, 220)
 MASK_LEVELS = 4
-"""Folders above a photo that are searched for its clip's masks."""
+"""Number of folders above a photo that are searched for its clip's masks."""
 
 Picture = UInt8[ndarray, "h w 4"]
 _Key = tuple[str, str, int, Reference]
 
 
 class ReferencePictures:
-    """Reads one picture at a time in a thread; the last ones are kept."""
+    """Reads one picture at a time on a thread of its own, and keeps the last ones."""
 
     def __init__(self, report_error: Callable[[str], None], wake: Callable[[], None] = lambda: None) -> None:
         """`report_error` gets a text for the user, once per picture; `wake` is called when a picture is there."""
@@ -44,9 +44,9 @@ class ReferencePictures:
         self._last: tuple[str, Reference, Picture] | None = None
 
     def get(self, view: CameraView, kind: Reference) -> Picture | None:
-        """RGBA of the view's photo or masks; None where there is none.
+        """Return RGBA of the view's photo or masks; None where there is none.
 
-        While it is being read it is the camera's last one, so that nothing flickers as the drive plays, else None.
+        While it is being read this is the camera's last one, so that nothing flickers as the drive plays, or None.
         """
         key = _build_key(view, kind)
         if key not in self._pictures:
@@ -63,13 +63,13 @@ class ReferencePictures:
             self._told.add(key)
             if not isinstance(error, InstDriveError):
                 _log.error("reading %s failed", key, exc_info=error)
-                self._report_error(f"{view.name}/{view.index:02d} cannot be shown: {error!r}. Help, Log file has more")
+                self._report_error(f"{view.name}/{view.index:02d} cannot be shown: {error!r}. Help › Log file has more")
             elif not _is_held_back(view, kind):
                 self._report_error(str(error))
         return None
 
     def explain_missing(self, view: CameraView, kind: Reference) -> str:
-        """Why a view has no such picture, in a few words; empty where it has one, or nobody knows yet."""
+        """Explain in a few words why a view has no such picture; empty where it has one, or is still being read."""
         future = self._pictures.get(_build_key(view, kind))
         if future is None or not future.done() or future.exception() is None:
             return ""
@@ -77,17 +77,17 @@ class ReferencePictures:
 
     @property
     def is_reading(self) -> bool:
-        """Whether a picture is on its way."""
+        """Whether a picture is being read."""
         return any(not future.done() for future in self._pictures.values())
 
     def forget(self) -> None:
-        """Read everything again when it is asked for: another document is open."""
+        """Forget all pictures, since another document is open."""
         self._pictures.clear()
         self._told.clear()
         self._last = None
 
     def close(self) -> None:
-        """End the thread."""
+        """Stop the thread."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _request(self, key: _Key, view: CameraView, kind: Reference) -> None:
@@ -96,7 +96,7 @@ class ReferencePictures:
         future = self._pool.submit(load_reference_picture, view, kind)
         future.add_done_callback(lambda _: self._wake())
         self._pictures[key] = future
-        while len(self._pictures) > KEPT:
+        while len(self._pictures) > MAX_PICTURES:
             self._pictures.popitem(last=False)
 
 
@@ -105,17 +105,17 @@ def _build_key(view: CameraView, kind: Reference) -> _Key:
 
 
 def _is_held_back(view: CameraView, kind: Reference) -> bool:
-    """Whether a picture need not be there: masks are written for the photos that are trained on."""
+    """Whether a picture is expected to be missing: only photos used in training have masks."""
     return kind is Reference.MASKS and view.held_out
 
 
 def load_reference_picture(view: CameraView, kind: Reference) -> Picture:
-    """RGBA of a view's photo, opaque, or of its masks, clear where there is none.
+    """Read RGBA of a view's photo (opaque) or of its masks (transparent where there is none).
 
     Raises DataError where the scene does not know the photo, or the file is missing or damaged.
     """
     if not view.photo:
-        raise DataError(f"{view.name}/{view.index:02d}", "the scene does not say where this photo is", _REMEDY)
+        raise DataError(f"{view.name}/{view.index:02d}", "the scene does not record where this photo is", _REMEDY)
     photo = Path(view.photo)
     if kind is Reference.MASKS:
         return color_masks(open_masks(find_masks(photo)).load(f"{view.name}/{view.index:02d}"))
@@ -128,18 +128,20 @@ def load_reference_picture(view: CameraView, kind: Reference) -> Picture:
 
 
 def find_masks(photo: Path) -> Path:
-    """The mask folder of the clip that a photo belongs to. Raises DataError where no folder above has one; also where
-    that is because the clip is gone."""
+    """Find the mask folder of the clip that a photo belongs to.
+
+    Raises DataError where no folder above the photo has one, or the clip is gone.
+    """
     for folder in list(photo.parents)[:MASK_LEVELS]:
         if (folder / "masks" / SIDECAR).is_file():
             return folder / "masks"
     if not photo.is_file():
-        raise DataError(photo, "its clip is no longer there, nor its masks", _REMEDY)
+        raise DataError(photo, "its clip and masks are no longer there", _REMEDY)
     raise DataError(photo, "its clip has no folder masks/", "Write masks with `instdrive masks`")
 
 
 def color_masks(masks: FrameMasks) -> Picture:
-    """A colour per mask of one photo, darker at its border; the sky in light blue; clear where nothing is known."""
+    """Draw a photo's masks: a colour each, darker at the border; the sky light blue; transparent where unknown."""
     labels = masks.labels.astype(np.uint32)
     picture = np.zeros((*labels.shape, 4), np.uint8)
     picture[..., :3] = colors_from_ids(labels)

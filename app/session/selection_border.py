@@ -1,4 +1,4 @@
-"""Growing and shrinking the selection: of a large one the border is looked along beside the window."""
+"""Growing and shrinking the selection; the border of a large one is searched in the background."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from instdrive_core.edits.kinds.grow import BorderEdit, GrowSelection, ShrinkSel
 from instdrive_core.scene.selection import Flag
 
 AT_ONCE = 20_000
-"""Selected splats up to which it takes no longer than a frame."""
+"""Selected splats up to which the search takes no longer than a frame."""
 _TITLES: dict[type[BorderEdit], str] = {
     GrowSelection: "Growing the selection",
     ShrinkSelection: "Shrinking the selection",
@@ -17,7 +17,7 @@ _TITLES: dict[type[BorderEdit], str] = {
 
 
 class SelectionBorder:
-    """Changes of the selection along its border; those asked for while one is under way follow it, in order."""
+    """Changes the selection along its border; changes requested during a search follow it in order."""
 
     def __init__(self, context: SessionContext) -> None:
         self._context, self._jobs, self._messages = context, context.jobs, context.messages
@@ -25,18 +25,18 @@ class SelectionBorder:
         self._following: list[type[BorderEdit]] = []
 
     def grow(self) -> None:
-        """Select, too, what lies near the selected splats."""
+        """Add the splats near the selected ones."""
         self._ask(GrowSelection)
 
     def shrink(self) -> None:
-        """Deselect what lies near splats that are not selected."""
+        """Remove the splats near those that are not selected."""
         self._ask(ShrinkSelection)
 
     def _ask(self, kind: type[BorderEdit]) -> None:
         if self._job is not None and not self._job.over:
             self._following.append(kind)
         else:
-            self._following.clear()  # those after one that was cancelled
+            self._following.clear()  # these followed a search that was cancelled
             self._start(kind)
 
     def _start(self, kind: type[BorderEdit]) -> None:
@@ -44,7 +44,7 @@ class SelectionBorder:
         if document is None:
             return
         edit = kind(None, self._context.state.time)
-        if len(document.state.rows_with(Flag.SELECTED)) <= AT_ONCE:
+        if len(document.state.find_rows(Flag.SELECTED)) <= AT_ONCE:
             self._finish(edit)
             return
         frozen = freeze_document(document)
@@ -54,7 +54,7 @@ class SelectionBorder:
                 self._finish(edit)
             else:
                 self._following.clear()
-                self._messages.info(f"{_TITLES[kind]} was given up: something else was done meanwhile")
+                self._messages.info(f"{_TITLES[kind]} was cancelled because the scene changed in the meantime")
 
         self._job = self._jobs.submit(_TITLES[kind], lambda: edit.prepare(frozen), finish, modal=False)
 

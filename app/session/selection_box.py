@@ -1,4 +1,4 @@
-"""The box around what is selected, which goes along as it is moved: what the gizmo stands in."""
+"""The box around the selection, which moves with it and holds the gizmo."""
 
 from __future__ import annotations
 
@@ -19,47 +19,47 @@ from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity, extract_scale
 
 COUNTED = 4000
-"""Splats, evenly chosen, that shape the box of an instance."""
+"""Evenly chosen splats that the box of an instance is computed from."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """Any box in the world, metres."""
+    """An oriented box in the world, metres."""
 
     center: Float64[ndarray, "3"]
     axes: Float64[ndarray, "3 3"]
     """Columns are unit vectors: to the right, forward (along the longer side), up."""
     size: Float64[ndarray, "3"]
-    """Along the axes."""
+    """Lengths along the axes."""
 
     @property
     def corners(self) -> Float64[ndarray, "8 3"]:
-        """In the order of bits: corner k lies high along axis i where bit 2 - i of k is set."""
+        """Corners in the order of bits: corner k lies high along axis i where bit 2 - i of k is set."""
         signs = np.array(list(product((-0.5, 0.5), repeat=3)))
         return self.center + signs * self.size @ self.axes.T
 
     @property
     def upright_axes(self) -> Float64[ndarray, "3 3"]:
-        """The axes with no tilt: the same forward as seen from above."""
+        """Level axes with the same forward direction as seen from above."""
         return compute_upright_axes(self.axes[:, 1])
 
     def transform(self, matrix: Similarity) -> Box:
-        """The box after [s R | t]."""
+        """Apply the similarity [s R | t] to the box."""
         scale = extract_scale(matrix)
         center = matrix[:, :3] @ self.center + matrix[:, 3]
         return Box(center, matrix[:, :3] / scale @ self.axes, self.size * scale)
 
     def extent(self, direction: Float[ndarray, "3"]) -> float:
-        """Metres from the first to the last corner along a unit vector."""
+        """Extent of the box along a unit vector, metres."""
         return float(np.ptp(self.corners @ direction))
 
 
 BOX_EDGES = tuple((corner, corner | bit) for corner in range(8) for bit in (1, 2, 4) if not corner & bit)
-"""Pairs of corners."""
+"""Pairs of corners that the edges join."""
 
 
 def compute_upright_axes(forward: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
-    """Axes as of a `Box` that stands level and heads where `forward` points as seen from above."""
+    """Compute the axes of a level `Box` that heads where `forward` points as seen from above."""
     length = float(np.hypot(forward[0], forward[1]))
     if length < 1e-6:
         return np.eye(3)
@@ -68,8 +68,11 @@ def compute_upright_axes(forward: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"
 
 
 class SelectionBoxes:
-    """Boxes of selections; that of the last instance is kept as it was trained, so that moving it costs nothing, and
-    that of the last group for as long as nothing moves."""
+    """Finds boxes of selections.
+
+    Keeps the trained box of the last instance, so that moving it costs nothing, and the box of the last group until
+    something moves.
+    """
 
     def __init__(self) -> None:
         self._instance = 0
@@ -80,7 +83,7 @@ class SelectionBoxes:
         self._still: VersionedCache[Float64[ndarray, "e 3"]] = VersionedCache()
 
     def find_box(self, document: Document, ids: Sequence[int], time: float) -> Box:
-        """The box of at least one instance at `time` (seconds).
+        """Find the box of at least one instance at `time` (seconds).
 
         A moving actor has its track's box; a parked thing the smallest upright box of its splats as they were trained,
         moved as it was moved; several instances, or one of which parts were moved, have a box along the world's axes.
@@ -91,7 +94,7 @@ class SelectionBoxes:
         entry = None if len(ids) > 1 else _find_common_entry(document, document.find_rows(ids))
         if entry is None:
             key = (tuple(ids), time, document.versions.geometry, document.versions.table)
-            return self._group.of(document, key, lambda: self._find_level_box(document, ids, time))
+            return self._group.get(document, key, lambda: self._find_level_box(document, ids, time))
         counts = document.count_states()  # made anew where splats change owner or state, but not where they move
         home = document.transforms.homes[entry]
         if counts is not self._counts or instance.id != self._instance or not np.array_equal(home, self._home):
@@ -100,9 +103,9 @@ class SelectionBoxes:
         return self._trained.transform(document.transforms.get_move(entry))
 
     def _find_level_box(self, document: Document, ids: Sequence[int], time: float) -> Box:
-        """Around the bounds of all instances, along the world's axes."""
+        """Find the box around the bounds of all instances, along the world's axes."""
         table = document.scene.table
-        still = self._still.of(
+        still = self._still.get(
             document, (tuple(ids), document.versions.table), lambda: _find_still_bounds(document, ids)
         )
         if isinstance(document.deferred, DeferredBounds) and len(still):
@@ -115,12 +118,12 @@ class SelectionBoxes:
 
 def _find_track_box(document: Document, node: int, time: float) -> Box:
     track = document.scene.actors[node - 1]
-    pose = track.pose_at(time)
+    pose = track.interpolate_pose(time)
     return Box(pose[:3, 3], pose[:3, :3], track.dimensions)
 
 
 def _find_trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
-    """Of the solid splats that are left, as they were trained, in a scene that was turned so."""
+    """Find the upright box of an instance's remaining solid splats as trained, in a scene turned by `home`."""
     rows = document.find_rows((instance_id,))
     left = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
     rows = left if len(left) else rows
@@ -135,13 +138,13 @@ def _find_trained_box(document: Document, instance_id: int, home: Similarity) ->
 
 
 def _find_still_bounds(document: Document, ids: Sequence[int]) -> Float64[ndarray, "e 3"]:
-    """Lowest and highest corner of what does not drive; nothing where all does."""
+    """Find the lowest and highest corner of the instances that are no actors; no rows where all are."""
     instances = [document.scene.table[instance_id] for instance_id in ids]
     corners = np.array([instance.bounds for instance in instances if not instance.node], np.float64).reshape(-1, 3)
     return np.stack([corners.min(axis=0), corners.max(axis=0)]) if len(corners) else corners
 
 
 def _find_common_entry(document: Document, rows: Int64[ndarray, " k"]) -> int | None:
-    """The transform entry of all these rows; None where they were moved in different ways."""
+    """Find the transform entry that all rows share; None where they were moved in different ways."""
     entries = document.transforms.indices[rows]
     return int(entries[0]) if (entries == entries[0]).all() else None

@@ -27,7 +27,7 @@ class SelectionController:
     def is_empty(self) -> bool:
         """Whether no splat is selected, of an instance or of none."""
         document = self._context.document
-        return document is None or not document.state.mask(Flag.SELECTED).any()
+        return document is None or not document.state.find_mask(Flag.SELECTED).any()
 
     @property
     def has_codewords(self) -> bool:

@@ -1,4 +1,4 @@
-"""Showing some instances alone, and going back to what was shown before."""
+"""Showing some instances alone, and returning to what was shown before."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Ids = tuple[int, ...]
 
 
 class SoloController:
-    """Remembers what was hidden before instances were shown alone.
+    """Shows instances alone, and remembers what was hidden before.
 
-    Whether that is still so is read from the document: undoing the step ends it, redoing brings it back.
+    Whether they are still alone is read from the document: undoing the step ends it, redoing brings it back.
     """
 
     def __init__(self, context: SessionContext) -> None:
@@ -27,7 +27,7 @@ class SoloController:
 
     @property
     def ids(self) -> Ids:
-        """The instances shown alone; none where everything may be shown."""
+        """IDs of the instances shown alone; empty where everything may be shown."""
         document = self._context.document
         if document is None or document is not self._of or not self._ids:
             return ()
@@ -40,11 +40,11 @@ class SoloController:
         visible = document.find_visible_instances()
         if visible:
             return len(visible) <= len(self._ids) and set(visible) <= set(self._ids)
-        # What was shown alone has been deleted or hidden since: all else waits for the way back, unless undo took it.
+        # What was shown alone has been deleted or hidden since; the rest stays hidden unless the step was undone.
         return any(edit is self._step for edit in document.history.done)
 
     def enter(self, ids: Ids) -> None:
-        """Show these instances and nothing else; from one solo to the next what was hidden before both is kept."""
+        """Show these instances and nothing else; what was hidden before the first of several solos is remembered."""
         document = self._context.document
         if document is None or not ids:
             return
@@ -55,7 +55,7 @@ class SoloController:
             self._step = step
 
     def leave(self) -> None:
-        """Show again what was shown before."""
+        """Show everything again that was shown before."""
         document = self._context.document
         if document is None or not self.ids:
             return
@@ -66,7 +66,7 @@ class SoloController:
             self._context.apply(ShowAll)
 
     def toggle(self, ids: Ids) -> None:
-        """Show these alone; where they are already, leave."""
+        """Show these instances alone, or leave where they already are alone."""
         if ids and set(ids) == set(self.ids):
             self.leave()
         else:
@@ -74,6 +74,6 @@ class SoloController:
 
 
 def find_hidden_instances(document: Document) -> Ids:
-    """Instances of which something is left and nothing drawn, rising."""
+    """Find instances that are not deleted but not drawn either; IDs in rising order."""
     counts = document.count_states()
     return tuple(counts.ids[(counts.drawn == 0) & (counts.count > counts.deleted)].tolist())

@@ -1,4 +1,4 @@
-"""Standing the whole scene upright: guessing which way is up, turning, and the view that goes along."""
+"""Turning the whole scene upright: guessing which way is up, turning, and taking the view along."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ from instdrive_core.scene.up_estimate import UpEstimate
 from instdrive_core.scene.upright import UP, Axis, compute_axis_direction, find_nearest_axis
 
 VIEW_SNAP = 10.0
-"""Degrees from an axis below which the view's up means the axis: the view can hardly be tilted nearer than that."""
+"""Degrees from an axis within which the view's up means the axis: nobody can tilt the view more exactly."""
 
 
 class TurnController:
-    """All methods are about the whole open scene."""
+    """Turns the open scene as a whole."""
 
     def __init__(self, context: SessionContext, navigation: Navigation, turned: Callable[[], None]) -> None:
-        """`turned` is called whenever the scene was turned, also back by undo."""
+        """`turned` is called whenever the scene was turned, by undo as well."""
         self._context, self._state = context, context.state
         self._jobs, self._messages = context.jobs, context.messages
         self._navigation, self._turned = navigation, turned
         self._seen: tuple[Document | None, Float64[ndarray, "3 4"]] = (None, np.eye(3, 4))
         self._stated: Axis | None = None
         self.estimate: UpEstimate | None = None
-        """Which way is up in the open scene as it is now; None while that is looked for."""
+        """Which way is up in the open scene as it lies now; None while that is being estimated."""
 
     def enter(self, document: Document, stated: Axis | None) -> None:
-        """Another document is shown; the format of its file states that this axis is up.
+        """Follow another document, whose file format states that this axis is up.
 
-        Where it comes from another program and seems to lie on its side, the user is told how to stand it upright.
+        Where it comes from another program and seems to lie on its side, the user is told how to turn it upright.
         """
         self._seen, self._stated = (document, document.orientation), stated
         if not len(document.scene.table) and not document.scene.views and not document.history.edits:
             self.guess_up(self._tell)
 
     def guess_up(self, then: Callable[[UpEstimate], None] = lambda _: None) -> None:
-        """Guess which way is up now, beside the window."""
+        """Estimate which way is up now, in the background; `then` gets the estimate."""
         document, stated = self._context.document, self._stated
         self.estimate = None
         if document is None:
@@ -58,16 +58,18 @@ class TurnController:
                 self.estimate = found
                 then(found)
 
-        self._jobs.submit_in_background("Looking for the way up", lambda: estimate_document_up(frozen, stated), finish)
+        self._jobs.submit_in_background(
+            "Estimating which way is up", lambda: estimate_document_up(frozen, stated), finish
+        )
 
     def find_view_up(self) -> tuple[Float64[ndarray, "3"], float]:
-        """What is up in the view, exactly an axis where one is near, and by how many degrees it then was off."""
+        """Find the unit vector that is up in the view, snapped to a near axis, and how many degrees it was off."""
         up = -self._state.viewpoint.world_from_camera[:3, 1]
         axis, angle = find_nearest_axis(up)
         return (compute_axis_direction(axis), angle) if angle <= VIEW_SNAP else (up, 0.0)
 
     def turn(self, up: Float64[ndarray, "3"], scale: float = 1.0) -> None:
-        """Turn the scene so that `up` points up, and scale it; what takes longer than a frame is done aside before."""
+        """Turn the scene so that `up` points up, and scale it; in the background where it takes longer than a frame."""
         document = self._context.document
         if document is None:
             return
@@ -86,7 +88,7 @@ class TurnController:
         self._jobs.submit("Turning the scene", lambda: edit.prepare(frozen), finish)
 
     def tick(self) -> None:
-        """Once a frame: where the scene was turned, by whatever edit, undo or redo, the view goes along."""
+        """Take the view along where an edit, undo or redo has turned the scene; called once a frame."""
         document, (seen, before) = self._context.document, self._seen
         if document is None or document is not seen or document.orientation is before:
             return
@@ -97,6 +99,6 @@ class TurnController:
     def _tell(self, found: UpEstimate) -> None:
         if found.confident and (found.axis != UP or found.tilt):
             self._messages.info(
-                f"This scene seems to lie on its side: {found.words} is up, by {found.reason}. "
-                "Move, Turn upright… stands it up"
+                f"This scene seems to lie on its side: {found.words} is up, judging by {found.reason}. "
+                "Move › Turn upright… turns it"
             )

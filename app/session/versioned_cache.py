@@ -1,4 +1,4 @@
-"""One value, worked out again only where something has changed."""
+"""A value that is computed again only when something has changed."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ Value = TypeVar("Value")
 
 
 class VersionedCache(Generic[Value]):
-    """The last value asked for, with the document and the key that it was worked out from."""
+    """Keeps the last value, with the document and the key it was computed from."""
 
     def __init__(self) -> None:
         self._last: tuple[ref[Document], tuple[Any, ...], Value] | None = None
 
-    def of(self, document: Document, key: tuple[Any, ...], work_out: Callable[[], Value]) -> Value:
-        """The value for a document and a key: versions of what it depends on, and whatever else it does."""
-        # Not by the document's address, which another one may have once this one is closed.
+    def get(self, document: Document, key: tuple[Any, ...], compute: Callable[[], Value]) -> Value:
+        """Return the value for a document and a key: versions and everything else that the value depends on."""
+        # Not by the document's id, which another document may get once this one is closed.
         if self._last is None or self._last[0]() is not document or self._last[1] != key:
-            self._last = (ref(document), key, work_out())
+            self._last = (ref(document), key, compute())
         return self._last[2]

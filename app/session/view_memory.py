@@ -1,4 +1,4 @@
-"""How the user looked at a scene, as plain values for the project file, and back."""
+"""The user's view of a scene as JSON values for the project file, and back."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LENS = ("fx", "fy", "cx", "cy", "width", "height")
 
 
 def store_view(state: EditorState) -> dict[str, Any]:
-    """Camera, moment and view mode as JSON values."""
+    """Convert camera, time and view mode into JSON values."""
     viewpoint = state.viewpoint
     return {
         "view_mode": state.view_mode.name,
@@ -28,9 +28,9 @@ def store_view(state: EditorState) -> dict[str, Any]:
 
 
 def restore_view(view: Mapping[str, Any], state: EditorState, navigation: Navigation, views: int) -> bool:
-    """Look as `store_view` says, in a scene of `views` dataset cameras.
+    """Restore a view that `store_view` wrote, in a scene of `views` dataset cameras; returns whether it was valid.
 
-    Returns whether it did: what another version or hand has written may not fit, and then nothing is changed.
+    What another version or hand has written may not fit; then nothing is changed.
     """
     try:
         mode, time = ViewMode[view["view_mode"]], float(view["time"])

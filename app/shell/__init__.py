@@ -1,1 +1,1 @@
-"""The window: display, layout, files dropped onto it, and what it reports to programs that drive it."""
+"""The window: display, layout, dropped files, and reports to programs that drive it."""

@@ -1,4 +1,4 @@
-"""The display that windows open on."""
+"""Finding and checking the display that windows open on."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ class DisplayError(InstDriveError):
 
 
 def find_display_name() -> str:
-    """As the environment tells it; empty where none is named."""
+    """Find the display's name in the environment; empty where there is none."""
     if not sys.platform.startswith("linux"):
         return "the desktop"
     return os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY") or ""
 
 
 def has_display() -> bool:
-    """Whether a desktop is named to open windows on."""
+    """Whether the environment names a display to open windows on."""
     return bool(find_display_name())
 
 
 def check_display() -> None:
     """Raise DisplayError, with the window system's reason, where the display cannot be opened.
 
-    Not to be called while a window is open.
+    Must not be called while a window is open.
     """
     import glfw
 

@@ -1,4 +1,4 @@
-"""What the window shows, as JSON lines, for programs that drive it (tests, demonstrations)."""
+"""Reporting what the window shows as JSON lines, for programs that drive it (tests, demonstrations)."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from instdrive_core.scene.selection import Flag
 
 
 class Reporter:
-    """Appends a line whenever something that is reported has changed; every frame changes the file's time."""
+    """Appends a line whenever the report changes; touches the file in every frame."""
 
     def __init__(self, path: Path) -> None:
         self._file: TextIO = path.open("w", encoding="utf-8")
         self._last = ""
 
     def write(self, ui: Ui) -> None:
-        """Called at the end of every frame."""
+        """Report the state at the end of a frame."""
         line = json.dumps(describe_window(ui))
         if line != self._last:
             self._file.write(line + "\n")
@@ -35,7 +35,7 @@ class Reporter:
 
 
 def describe_window(ui: Ui) -> dict[str, Any]:
-    """Everything reported: state, selection, history, camera, messages, and where widgets are (window pixels)."""
+    """Describe state, selection, history, camera, messages, and the places of widgets (window pixels)."""
     session, document = ui.session, ui.session.document
     state: dict[str, Any] = {
         "busy": session.jobs.current.title if session.jobs.current else None,
@@ -58,7 +58,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         "hovered": session.state.hovered,
         "tool": session.state.tool,
         "selected": list(session.selection.ids),
-        "selected_splats": int(np.count_nonzero(document.state.mask(Flag.SELECTED))),
+        "selected_splats": int(np.count_nonzero(document.state.find_mask(Flag.SELECTED))),
         "visible": list(document.find_visible_instances()),
         "history": [edit.title for edit in document.history.edits],
         "cursor": document.history.cursor,

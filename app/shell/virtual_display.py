@@ -1,4 +1,4 @@
-"""A display where there is none: Xvfb, for scripted sessions and tests."""
+"""A virtual display by Xvfb, for scripted sessions and tests."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ START_SECONDS = 20
 
 @contextmanager
 def open_virtual_display(size: tuple[int, int] = (1280, 720)) -> Iterator[str]:
-    """Run Xvfb while the block runs; yields its name, e.g. ``:99``, which DISPLAY holds meanwhile.
+    """Run Xvfb while the block runs; yields its name, e.g. ``:99``, and sets DISPLAY to it.
 
     Raises DisplayError where Xvfb is missing or does not start.
     """

@@ -1,4 +1,4 @@
-"""The window: Dear ImGui on GLFW and OpenGL 3.3, docked panels, idle while nothing changes."""
+"""The editor's window: Dear ImGui on GLFW and OpenGL 3.3, with docked panels, idle while nothing changes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class EditorWindow:
 
     @property
     def ui(self) -> Ui:
-        """Available from the first frame on."""
+        """What panels draw with; available from the first frame on."""
         assert self._ui is not None, "the window is not open yet"
         return self._ui
 
@@ -71,15 +71,15 @@ class EditorWindow:
         return self._dialogs.answers | {ShowPanel}
 
     def run(self, script: Callable[[EditorWindow], Iterator[None]] | None = None) -> None:
-        """Open the window and return when it closes. A `script` is advanced by one step a frame; its end closes it.
+        """Open the window and return when it closes; a `script` advances by one step a frame, and its end closes it.
 
-        What a panel or the script raises closes the window and is raised here. Raises DisplayError where no window
-        can be opened.
+        An exception of a panel or the script closes the window and is raised here. Raises DisplayError where no
+        window can be opened.
         """
         self._script = script
         try:
             hello_imgui.run(self._build_parameters())
-        except RuntimeError as error:  # also where a first frame was cut short: then the failure kept is the cause
+        except RuntimeError as error:  # also where the first frame was cut short; then the stored failure is the cause
             self._failure = self._failure or self._explain(error)
         if self._failure is not None:
             raise self._failure
@@ -94,7 +94,7 @@ class EditorWindow:
         )
 
     def screenshot(self) -> Iterator[None]:
-        """Yields until `last_screenshot` holds the whole window of a later frame."""
+        """Yield until `last_screenshot` holds the whole window of a later frame."""
         self._screenshot, self._wants_screenshot = None, True
         while self._screenshot is None:
             yield
@@ -139,7 +139,7 @@ class EditorWindow:
         return window
 
     def _guard(self, call: Callable[[], None]) -> Callable[[], None]:
-        """ImGui's frame cannot be left by an exception: keep the first one, draw nothing more, and close the window."""
+        """Wrap a callback: no exception may leave the frame of ImGui. The first one is stored and closes the window."""
 
         def guarded() -> None:
             if self._failure is not None:
@@ -158,7 +158,7 @@ class EditorWindow:
         self._context = moderngl.create_context(require=330)
 
     def _create_ui(self) -> None:
-        """Called once, after the context, when fonts can be loaded."""
+        """Create what panels draw with; called once, after the context, when fonts can be loaded."""
         view = LiveView(self._context, self._wake)
         self._session.wake_window = self._wake
         tools = create_tools(self._session, lambda snapshot: view.renderer.read_rows(snapshot))
@@ -170,7 +170,7 @@ class EditorWindow:
 
     @staticmethod
     def _wake() -> None:
-        """Called from any thread: a frame is to be drawn now."""
+        """Have a frame drawn now; called from any thread."""
         import glfw  # not before imgui_bundle, which tells it to use the same library
 
         glfw.post_empty_event()
@@ -188,7 +188,7 @@ class EditorWindow:
         run_shortcuts(self.ui)
 
     def _show_title(self) -> None:
-        """What is open, and a dot where it is unsaved, for the desktop's list of windows."""
+        """Show the open file, and a dot where it is unsaved, in the desktop's list of windows."""
         title = format_window_title(self._session)
         if title != self._title:
             import glfw  # see above
@@ -197,7 +197,7 @@ class EditorWindow:
             self._title = title
 
     def _is_waiting(self) -> bool:
-        """Whether something is to be seen soon without an event: progress, another moment, a sharper picture."""
+        """Whether the picture will change soon without an event: progress, the playing drive, a sharper picture."""
         session = self._session
         busy = session.jobs.current is not None or session.navigation.playing or session.references.is_reading
         busy = busy or session.history.is_jumping
@@ -254,7 +254,7 @@ _FINISHED = object()
 
 
 def format_window_title(session: EditorSession) -> str:
-    """``street.instdrive • InstDrive``: the dot stands for unsaved changes."""
+    """Format the title, e.g. ``street.instdrive • InstDrive``; the dot stands for unsaved changes."""
     path = session.files.path
     if session.document is None or path is None:
         return "InstDrive"
@@ -265,8 +265,8 @@ def require_display() -> None:
     """Raise DisplayError where no window can be opened."""
     if not has_display():
         raise DisplayError(
-            "there is no display to open the window on (DISPLAY is not set); "
-            "run it on a desktop, or under a virtual display: xvfb-run instdrive edit SCENE"
+            "there is no display to open the window on (DISPLAY is not set). "
+            "Run it on a desktop, or under a virtual display: xvfb-run instdrive edit SCENE"
         )
 
 
@@ -277,7 +277,7 @@ def _configure_imgui() -> None:
 
 
 def _draw_without_padding(name: str, draw: Callable[[], None]) -> None:
-    """A window of its own without padding: the picture fills it."""
+    """Draw a window of its own without padding, so that the picture fills it."""
     flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))
     visible = imgui.begin(name, None, flags)[0]

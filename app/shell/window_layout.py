@@ -9,12 +9,11 @@ from pathlib import Path
 from imgui_bundle import hello_imgui, imgui
 
 RIGHT_WIDTH, BOTTOM_HEIGHT = 346.0, 104.0
-"""What the lists at the right and the timeline need at least, in pixels at scale 1."""
+"""Smallest width of the lists at the right and height of the timeline, in pixels at scale 1."""
 INSPECTOR_SHARE = 0.6
-"""Of the right column; instances have the rest."""
+"""Share of the right column; the list of instances has the rest."""
 IDLE_FPS, WAITING_FPS = 1.0, 20.0
-"""Frames per second while the user does nothing, and while something is under way; any event wakes the window at once,
-and so does a result."""
+"""Frames per second while the user does nothing, and while a job runs; events and results wake the window at once."""
 
 
 @dataclass(frozen=True)
@@ -24,16 +23,16 @@ class WindowOptions:
     size: tuple[int, int] = (1280, 720)
     """Width and height, at scale 1."""
     report: Path | None = None
-    """Where to write the window's state as JSON lines."""
+    """File for the window's state as JSON lines."""
     remember_layout: bool = True
     scale: float = 0.0
-    """How large text and widgets are drawn; 0 = as the monitor says."""
+    """Size of text and widgets; 0 = as the monitor reports."""
 
 
 def build_runner_parameters(
     options: WindowOptions, windows: Sequence[hello_imgui.DockableWindow]
 ) -> hello_imgui.RunnerParams:
-    """All that is fixed before the window opens; its callbacks are still to be set."""
+    """Build everything that is fixed before the window opens; the caller sets the callbacks."""
     parameters = hello_imgui.RunnerParams()
     window = parameters.app_window_params
     window.window_title = "InstDrive"

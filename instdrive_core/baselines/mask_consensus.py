@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int, Int64
+from jaxtyping import Bool, Float32, Int64, Integer
 from numpy import ndarray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.sparse import coo_array, csr_array
@@ -44,7 +44,7 @@ class MaskRelations:
     contained: csr_array
     """(m, m) float32 of ones: the mask of the row is contained in that of the column, at most one of each photo."""
     observed: Bool[ndarray, "m v"]
-    view_of_mask: Int[ndarray, " m"]
+    view_of_mask: Integer[ndarray, " m"]
 
     def exclude(self, dropped: Bool[ndarray, " m"]) -> MaskRelations:
         """Copy without some masks: photos that put others into one of these say nothing about them."""
@@ -54,7 +54,7 @@ class MaskRelations:
         kept = np.flatnonzero(~dropped)
         return MaskRelations(self.contained[kept][:, kept], observed[kept], self.view_of_mask[kept])
 
-    def consensus(self, rows: Int[ndarray, " r"], columns: Int[ndarray, " c"]) -> Float32[ndarray, "r c"]:
+    def consensus(self, rows: Integer[ndarray, " r"], columns: Integer[ndarray, " c"]) -> Float32[ndarray, "r c"]:
         """support / (observers + 1) of pairs of masks: in how many photos both are contained in one mask, and how many
         observe both."""
         support = (self.contained[rows] @ self.contained[columns].T).toarray()

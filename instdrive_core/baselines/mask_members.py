@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from jaxtyping import Int, Int32, Int64
+from jaxtyping import Int32, Int64, Integer
 from numpy import ndarray
 from scipy.sparse import csr_array
 
@@ -38,7 +38,7 @@ class MaskMembers:
 
     @staticmethod
     def from_pixels(
-        photos: Iterable[tuple[Int[ndarray, " p"], Int[ndarray, " p"]]], count: int, share: float
+        photos: Iterable[tuple[Integer[ndarray, " p"], Integer[ndarray, " p"]]], count: int, share: float
     ) -> MaskMembers:
         """Count members from the top contributor and the mask of each pixel.
 
@@ -91,7 +91,7 @@ def _find_shown(
 
 
 def _members_of_photo(
-    rows: Int[ndarray, " p"], masks: Int[ndarray, " p"], share: float
+    rows: Integer[ndarray, " p"], masks: Integer[ndarray, " p"], share: float
 ) -> tuple[Int64[ndarray, "2 k"], Int64[ndarray, " s"]]:
     """Pairs of Gaussian and mask that belong together, and all Gaussians; both rising."""
     stride = int(masks.max()) + 1
@@ -101,7 +101,7 @@ def _members_of_photo(
     return np.stack([keys // stride, keys % stride])[:, belongs], gaussians
 
 
-def _grid_pixels(labels: Int[ndarray, "h w"]) -> Int64[ndarray, " p"]:
+def _grid_pixels(labels: Integer[ndarray, "h w"]) -> Int64[ndarray, " p"]:
     """Flat indices of the masked pixels on the grid, rising."""
     step = max(1, round(sqrt(labels.size / PIXELS_PER_VIEW)))
     shown = np.zeros(labels.shape, bool)

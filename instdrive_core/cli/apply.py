@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from instdrive_core.cli.arguments import default_time, known_ids, moment, parsed_assignment, parsed_color
+from instdrive_core.cli.arguments import check_known_ids, choose_time, find_default_time, parse_assignment, parse_color
 from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.part_options import PartOptions
@@ -64,9 +64,9 @@ def apply(
         keep_every: 3 opens every 3rd splat only, each made larger: for scenes that do not fit into memory.
     """
     document, view = open_document(scene, keep_every=keep_every)
-    shown = moment(document.scene, time)
-    steps = [*(_edits_of_log(edits) if edits else []), *turn.edits(document, scene)]
-    steps += _edits(document.scene, delete, recolor, recolor_mode, rename, more, shown)
+    shown = choose_time(document.scene, time)
+    steps = [*(_read_edit_log(edits) if edits else []), *turn.edits(document, scene)]
+    steps += _collect_edits(document.scene, delete, recolor, recolor_mode, rename, more, shown)
     for edit in steps:
         document.apply(edit)
     after_deletion.follow(document, steps, shown)
@@ -79,7 +79,7 @@ def apply(
         print(f"{out}: {format_count(len(document.history.done), 'edit')} of {scene}")
         return
     if time is None and out.suffix and not out.is_dir() and document.scene.actors:
-        time = default_time(document.scene)
+        time = find_default_time(document.scene)
         print(f"moving objects are placed where they are at {time:g} s (--time)")
     result = bake_document(document, time) if rows is None else bake_part(document, rows, time)
     save_scene(out, result, sibr=sibr)
@@ -88,7 +88,7 @@ def apply(
     print(f"{out}: {held} ({format_count(len(document.history.done), 'edit')} applied)")
 
 
-def _edits(
+def _collect_edits(
     scene: Scene,
     delete: tuple[int, ...],
     recolor: tuple[str, ...],
@@ -99,18 +99,18 @@ def _edits(
 ) -> list[Edit]:
     steps = more.edits(scene.table, time)
     for text in rename:
-        instance_id, name = parsed_assignment(text, "--rename 4=taxi")
-        known_ids([instance_id], scene.table)
+        instance_id, name = parse_assignment(text, "--rename 4=taxi")
+        check_known_ids([instance_id], scene.table)
         steps.append(RenameInstance(instance_id, name))
     for text in recolor:
-        instance_id, color = parsed_assignment(text, "--recolor 4=#d02020")
-        steps.append(RecolorInstances(known_ids([instance_id], scene.table), mode, parsed_color(color)))
+        instance_id, color = parse_assignment(text, "--recolor 4=#d02020")
+        steps.append(RecolorInstances(check_known_ids([instance_id], scene.table), mode, parse_color(color)))
     if delete:
-        steps.append(DeleteInstances(known_ids(delete, scene.table)))
+        steps.append(DeleteInstances(check_known_ids(delete, scene.table)))
     return steps
 
 
-def _edits_of_log(path: Path) -> list[Edit]:
+def _read_edit_log(path: Path) -> list[Edit]:
     try:
         return edits_from_lines(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, EditError) as error:

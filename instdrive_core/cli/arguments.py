@@ -16,8 +16,8 @@ NEAR = 5
 """Near matches named in an error."""
 
 
-def known_ids(ids: Iterable[int], table: InstanceTable) -> tuple[int, ...]:
-    """The same IDs. Raises OptionError for one that the scene does not have."""
+def check_known_ids(ids: Iterable[int], table: InstanceTable) -> tuple[int, ...]:
+    """Check that the scene has instances with these IDs; returns them. Raises OptionError for one it does not have."""
     ids = tuple(ids)
     for instance_id in ids:
         if instance_id in table:
@@ -30,7 +30,7 @@ def known_ids(ids: Iterable[int], table: InstanceTable) -> tuple[int, ...]:
     return ids
 
 
-def parsed_color(text: str) -> tuple[float, float, float]:
+def parse_color(text: str) -> tuple[float, float, float]:
     """RGB in [0, 1] from ``#rrggbb``. Raises OptionError."""
     if not re.fullmatch(r"#?[0-9a-fA-F]{6}", text):
         raise OptionError(f"{text!r} is not a colour; write it as #rrggbb with hexadecimal digits, e.g. #d02020")
@@ -39,7 +39,7 @@ def parsed_color(text: str) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def parsed_assignment(text: str, example: str) -> tuple[int, str]:
+def parse_assignment(text: str, example: str) -> tuple[int, str]:
     """ID and value from ``ID=VALUE``. Raises OptionError."""
     name, equals, value = text.partition("=")
     if not equals or not name.strip().isdecimal() or not value:
@@ -47,7 +47,7 @@ def parsed_assignment(text: str, example: str) -> tuple[int, str]:
     return int(name), value
 
 
-def view_named(scene: Scene, name: str) -> CameraView:
+def find_named_view(scene: Scene, name: str) -> CameraView:
     """The view called ``camera_name/index``. Raises OptionError naming near matches."""
     if not scene.views:
         raise OptionError(f"the scene keeps no photo cameras, so there is no view {name!r}; use --view orbit")
@@ -56,26 +56,26 @@ def view_named(scene: Scene, name: str) -> CameraView:
     wanted = f"{camera}/{int(index)}" if slash and index.isdecimal() else name
     if wanted in by_name:
         return by_name[wanted]
-    near = _views_near(scene, camera, int(index)) if index.isdecimal() else []
+    near = _find_near_views(scene, camera, int(index)) if index.isdecimal() else []
     near = near or difflib.get_close_matches(wanted, by_name, n=NEAR, cutoff=0.3) or list(by_name)[:NEAR]
     raise OptionError(f"there is no view {name!r}; near it are {', '.join(near)}, and `orbit` shows the whole scene")
 
 
-def _views_near(scene: Scene, camera: str, index: int) -> list[str]:
+def _find_near_views(scene: Scene, camera: str, index: int) -> list[str]:
     """The views of this camera at the nearest time steps."""
     steps = sorted((view.index for view in scene.views if view.name == camera), key=lambda step: abs(step - index))
     return [f"{camera}/{step}" for step in sorted(steps[:NEAR])]
 
 
-def default_time(scene: Scene) -> float:
+def find_default_time(scene: Scene) -> float:
     """The moment shown when none is asked for: that of the first photo, else the first of any track, else 0."""
     if scene.views:
         return min(view.time for view in scene.views)
     return min((float(actor.times[0]) for actor in scene.actors), default=0.0)
 
 
-def moment(scene: Scene, time: float | None) -> float:
+def choose_time(scene: Scene, time: float | None) -> float:
     """The seconds that were asked for, else the default. Raises OptionError where they are not finite."""
     if time is not None and not math.isfinite(time):
         raise OptionError(f"--time {time} is no moment; give seconds, e.g. --time 1.5")
-    return default_time(scene) if time is None else time
+    return find_default_time(scene) if time is None else time

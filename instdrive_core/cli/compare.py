@@ -31,7 +31,7 @@ def compare(
     """
     from rich.console import Console
 
-    from instdrive_core.cli.eval_progress import eval_progress
+    from instdrive_core.cli.eval_progress import show_eval_progress
     from instdrive_core.errors import OptionError
     from instdrive_core.evaluation.comparison import find_differences, measure_runs
     from instdrive_core.evaluation.page.compare import write_comparison
@@ -39,9 +39,9 @@ def compare(
     if not runs:
         raise OptionError("no run to compare. Give one or more folders that `train` wrote.")
     console = Console()
-    with eval_progress(console) as show:
+    with show_eval_progress(console) as show:
         measured = measure_runs(runs, fresh, show)
-    console.print(comparison_table(measured))
+    console.print(build_comparison_table(measured))
     for text in find_differences(measured):
         console.print(f"Note: {text}", markup=False, highlight=False, soft_wrap=True)
     if html is not None:
@@ -49,7 +49,7 @@ def compare(
         console.print(f"comparison written to {html}", markup=False, highlight=False, soft_wrap=True)
 
 
-def comparison_table(runs: Sequence[MeasuredRun]) -> Table:
+def build_comparison_table(runs: Sequence[MeasuredRun]) -> Table:
     """A row per figure, a column per run; the best value has a star, differences are to the first run."""
     from rich import box
     from rich.table import Table

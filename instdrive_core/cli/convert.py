@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tyro
 
-from instdrive_core.cli.arguments import moment
+from instdrive_core.cli.arguments import choose_time
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
@@ -38,7 +38,7 @@ def convert(
     opened = open_edited_scene(scene, keep_every)
     in_one_file = bool(out.suffix) and not out.is_dir()
     if time is not None or (in_one_file and opened.actors):
-        time = moment(opened, time)
+        time = choose_time(opened, time)
     if in_one_file and opened.actors:
         print(f"moving objects are placed where they are at {time:g} s (--time)")
     if time is not None:
@@ -46,11 +46,11 @@ def convert(
         opened = freeze_at_time(opened, time)
         if len(opened) < everything:
             print(f"{everything - len(opened):,} splats of objects that are not there at that time are left out")
-    before = _contents(opened)
+    before = _describe_contents(opened)
     save_scene(out, opened, sibr=sibr)
     # Two scenes at once would not fit where one just does.
     del opened
-    after = _contents(open_scene(out))
+    after = _describe_contents(open_scene(out))
     if before["splats"] != after["splats"]:
         problem = f"{after['splats']} came back when the file was read again, not {before['splats']}"
         raise DataError(out, problem, "Look whether another program writes to the file, and try again")
@@ -67,7 +67,7 @@ def _is_kept(label: str, text: str, after: dict[str, str]) -> bool:
     return after.get(label) == text
 
 
-def _contents(scene: Scene) -> dict[str, str]:
+def _describe_contents(scene: Scene) -> dict[str, str]:
     """What the scene holds besides plain Gaussians, in words; what it does not hold is absent."""
     gaussians = scene.gaussians
     counts = {

@@ -33,7 +33,7 @@ class DeletionOptions:
             raise OptionError("nothing was deleted, so nothing can be left of it; name instances with --delete")
         found = report_deletion(document, ids, time)
         if self.report:
-            print("\n".join(_lines(found, document)))
+            print("\n".join(_describe_deletion(found, document)))
         cleanup = found.make_absorb_edit() if self.absorb_residue else None
         fill = found.make_fill_edit() if self.fill_holes else None
         for edit in (cleanup, fill):
@@ -42,7 +42,7 @@ class DeletionOptions:
                 print(f"{edit.title[0].lower()}{edit.title[1:]}: done")
 
 
-def _lines(found: DeletionReport, document: Document) -> list[str]:
+def _describe_deletion(found: DeletionReport, document: Document) -> list[str]:
     lines = [f"deleted {found.name}: {found.summary}"]
     for number, count in sorted(found.carriers.items(), key=lambda pair: -pair[1]):
         carrier = f"instance {number} ({document.scene.table[number].name})" if number else "no instance"

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from instdrive_core.cli.arguments import known_ids, parsed_assignment
+from instdrive_core.cli.arguments import check_known_ids, parse_assignment
 from instdrive_core.edits.bases.adjustments import RANGES
 from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment
@@ -61,25 +61,25 @@ class EditOptions:
     def edits(self, table: InstanceTable, time: float) -> list[Edit]:
         """The edits in order; `time` in seconds. Raises OptionError where an option cannot be read."""
         steps: list[Edit] = [InsertScene(str(path)) for path in self.insert]
-        steps += [AbsorbFloaters(number) for number in known_ids(self.absorb, table)] if self.absorb else []
-        steps += [_merge(text, table) for text in self.merge]
-        steps += [SplitInstance(number) for number in known_ids(self.split, table)] if self.split else []
+        steps += [AbsorbFloaters(number) for number in check_known_ids(self.absorb, table)] if self.absorb else []
+        steps += [_parse_merge(text, table) for text in self.merge]
+        steps += [SplitInstance(number) for number in check_known_ids(self.split, table)] if self.split else []
         for text in self.set_class:
-            number, name = parsed_assignment(text, "--set-class 4=Car")
-            steps.append(SetClass(known_ids([number], table), name))
-        steps += [_adjustment(text, table) for text in self.adjust]
+            number, name = parse_assignment(text, "--set-class 4=Car")
+            steps.append(SetClass(check_known_ids([number], table), name))
+        steps += [_parse_adjustment(text, table) for text in self.adjust]
         steps += [self._move(text, table, time) for text in self.move]
         for text in self.duplicate:
-            ids, (x, y, z) = _numbers(text, "--duplicate 4=0,6,0", table, 3, 3)
+            ids, (x, y, z) = _parse_numbers(text, "--duplicate 4=0,6,0", table, 3, 3)
             steps.append(DuplicateInstances(ids, (x, y, z)))
-        steps += [_deletion(SelectClass(name), name=f"Delete class {name}") for name in self.delete_class]
+        steps += [_build_deletion(SelectClass(name), name=f"Delete class {name}") for name in self.delete_class]
         if self.keep:
-            kept = SelectInstances(known_ids(self.keep, table))
-            steps.append(_deletion(kept, InvertSelection(), name=f"Keep {describe_ids(kept.ids)} only"))
+            kept = SelectInstances(check_known_ids(self.keep, table))
+            steps.append(_build_deletion(kept, InvertSelection(), name=f"Keep {describe_ids(kept.ids)} only"))
         return steps
 
     def _move(self, text: str, table: InstanceTable, time: float) -> MoveInstances:
-        ids, values = _numbers(text, "--move 4=1.5,0,0 or --move 4=0,0,0,90", table, 3, 5)
+        ids, values = _parse_numbers(text, "--move 4=1.5,0,0 or --move 4=0,0,0,90", table, 3, 5)
         x, y, z, yaw, scale = [*values, *(0.0, 0.0, 0.0, 0.0, 1.0)[len(values) :]]
         half = math.radians(yaw) / 2
         return MoveInstances(
@@ -93,40 +93,40 @@ class EditOptions:
         )
 
 
-def _numbers(
+def _parse_numbers(
     text: str, example: str, table: InstanceTable, least: int, most: int
 ) -> tuple[tuple[int, ...], list[float]]:
-    number, values = parsed_assignment(text, example)
+    number, values = parse_assignment(text, example)
     try:
         found = [float(value) for value in values.split(",")]
     except ValueError:
         found = []
     if not least <= len(found) <= most or not all(math.isfinite(value) for value in found):
         raise OptionError(f"{values!r} in {text!r} is not a list of {least} numbers; write e.g. {example}")
-    return known_ids([number], table), found
+    return check_known_ids([number], table), found
 
 
-def _deletion(*selection: Edit, name: str) -> CompoundEdit:
+def _build_deletion(*selection: Edit, name: str) -> CompoundEdit:
     return CompoundEdit((*selection, DeleteSelected()), name)
 
 
-def _merge(text: str, table: InstanceTable) -> MergeInstances:
+def _parse_merge(text: str, table: InstanceTable) -> MergeInstances:
     example = "--merge 4=7,9"
-    into, names = parsed_assignment(text, example)
+    into, names = parse_assignment(text, example)
     parts = names.split(",")
     if not all(part.strip().isdecimal() for part in parts):
         raise OptionError(f"{names!r} in {text!r} is not a list of IDs; write e.g. {example}")
-    return MergeInstances(known_ids([int(part) for part in parts], table), known_ids([into], table)[0])
+    return MergeInstances(check_known_ids([int(part) for part in parts], table), check_known_ids([into], table)[0])
 
 
-def _adjustment(text: str, table: InstanceTable) -> SetAdjustment:
+def _parse_adjustment(text: str, table: InstanceTable) -> SetAdjustment:
     example = "--adjust 4=hue:30"
-    number, setting = parsed_assignment(text, example)
+    number, setting = parse_assignment(text, example)
     what, _, amount = setting.partition(":")
     for kind in RANGES:
         if kind == what:
             try:
-                return SetAdjustment(known_ids([number], table), kind, float(amount))
+                return SetAdjustment(check_known_ids([number], table), kind, float(amount))
             except ValueError as error:
                 raise OptionError(f"{amount!r} in {text!r} is not a number; write e.g. {example}") from error
     raise OptionError(f"{what!r} in {text!r} is not one of {', '.join(RANGES)}; write e.g. {example}")

@@ -28,9 +28,9 @@ def evaluate(
     """
     from rich.console import Console
 
-    from instdrive_core.cli.eval_progress import eval_progress
+    from instdrive_core.cli.eval_progress import show_eval_progress
     from instdrive_core.evaluation.page.report import write_report
-    from instdrive_core.evaluation.protocol import evaluate_saved_run
+    from instdrive_core.evaluation.protocol import evaluate_run
     from instdrive_core.evaluation.tables import (
         IMAGES_ONLY,
         build_map_table,
@@ -41,8 +41,8 @@ def evaluate(
     )
 
     console = Console()
-    with eval_progress(console) as show:
-        evaluation = evaluate_saved_run(run, show)
+    with show_eval_progress(console) as show:
+        evaluation = evaluate_run(run, show)
     if evaluation.has_truth:
         console.print(build_map_table(evaluation))
     else:

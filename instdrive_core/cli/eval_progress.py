@@ -12,7 +12,7 @@ from instdrive_core.evaluation import protocol
 
 
 @contextmanager
-def eval_progress(console: Console) -> Iterator[protocol.Progress]:
+def show_eval_progress(console: Console) -> Iterator[protocol.Progress]:
     """Yields what evaluation calls with the stage's name, steps done and steps in all."""
     with Progress(console=console, transient=True) as bar:
         tasks: dict[str, TaskID] = {}

@@ -37,7 +37,7 @@ class Histogram:
     """Whether `low` and `high` are decimal logarithms."""
 
 
-def histograms(gaussians: Gaussians) -> tuple[Histogram, ...]:
+def build_histograms(gaussians: Gaussians) -> tuple[Histogram, ...]:
     """Opacity, longest axis, longest to shortest axis, brightness, and the three coordinates.
 
     Ranges that the data sets span 99.8 % of the values, so that one outlier does not press all others into one bar.
@@ -47,17 +47,17 @@ def histograms(gaussians: Gaussians) -> tuple[Histogram, ...]:
         longest, shortest = logs.max(axis=1), logs.min(axis=1)
         brightness = color_from_dc(gaussians.sh_dc).mean(axis=1)
         return (
-            _histogram("opacity", gaussians.opacities, (0.0, 1.0)),
-            _histogram("longest axis, m (standard deviation)", longest, is_log=True),
-            _histogram("longest / shortest axis", longest - shortest, is_log=True),
-            _histogram("brightness of the base colour", brightness),
-            *(_histogram(f"{name}, m", gaussians.means[:, axis]) for axis, name in enumerate("xyz")),
+            _build_histogram("opacity", gaussians.opacities, (0.0, 1.0)),
+            _build_histogram("longest axis, m (standard deviation)", longest, is_log=True),
+            _build_histogram("longest / shortest axis", longest - shortest, is_log=True),
+            _build_histogram("brightness of the base colour", brightness),
+            *(_build_histogram(f"{name}, m", gaussians.means[:, axis]) for axis, name in enumerate("xyz")),
         )
 
 
-def histogram_picture(gaussians: Gaussians) -> UInt8[ndarray, "h w 3"]:
+def draw_histograms(gaussians: Gaussians) -> UInt8[ndarray, "h w 3"]:
     """All histograms on one page."""
-    drawn = histograms(gaussians)
+    drawn = build_histograms(gaussians)
     rows = -(-len(drawn) // COLUMNS)
     page = Image.new("RGB", (PANEL[0] * COLUMNS, PANEL[1] * rows), _PAPER)
     draw = ImageDraw.Draw(page)
@@ -66,7 +66,7 @@ def histogram_picture(gaussians: Gaussians) -> UInt8[ndarray, "h w 3"]:
     return np.asarray(page)
 
 
-def _histogram(
+def _build_histogram(
     title: str, values: Float[ndarray, " n"], limits: tuple[float, float] | None = None, is_log: bool = False
 ) -> Histogram:
     finite = values[np.isfinite(values)].astype(np.float64)

@@ -16,7 +16,7 @@ from instdrive_core.project.open import open_edited_scene
 WRITERS = {"png": write_id_pictures, "coco": write_coco_panoptic}
 
 
-def id_masks(
+def export_id_masks(
     scene: tyro.conf.Positional[Path],
     *,
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],

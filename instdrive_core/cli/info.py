@@ -8,7 +8,7 @@ import numpy as np
 import tyro
 from PIL import Image
 
-from instdrive_core.cli.histogram_picture import histogram_picture
+from instdrive_core.cli.histogram_picture import draw_histograms
 from instdrive_core.errors import OptionError
 from instdrive_core.files.atomic import open_atomically
 from instdrive_core.project.open import open_edited_scene
@@ -19,7 +19,7 @@ SHOWN_ROWS = 3
 """Splats named per finding."""
 
 
-def info(
+def print_info(
     scene: tyro.conf.Positional[Path], *, instances: int = 20, histogram: Path | None = None, keep_every: int = 1
 ) -> None:
     """Print what a scene file holds.
@@ -35,13 +35,13 @@ def info(
     if histogram is not None and histogram.suffix.lower() != ".png":
         raise OptionError(f"--histogram {histogram} does not end in .png, the only format that is written")
     opened = open_edited_scene(scene, keep_every)
-    for label, value in _facts(opened):
+    for label, value in _list_facts(opened):
         print(f"{label + ':':<14}{value}")
     _print_findings(find_defects(opened))
     _print_instances(opened, instances)
     if histogram is not None:
         with open_atomically(histogram) as file:
-            Image.fromarray(histogram_picture(opened.gaussians)).save(file, format="PNG")
+            Image.fromarray(draw_histograms(opened.gaussians)).save(file, format="PNG")
         print(f"\n{histogram}")
 
 
@@ -65,7 +65,7 @@ def _print_instances(opened: Scene, instances: int) -> None:
         print(f"… and {len(opened.table) - len(largest)} more (--instances {len(opened.table)})")
 
 
-def _facts(scene: Scene) -> list[tuple[str, str]]:
+def _list_facts(scene: Scene) -> list[tuple[str, str]]:
     gaussians = scene.gaussians
     facts = [
         ("splats", f"{len(scene):,}"),
@@ -80,14 +80,14 @@ def _facts(scene: Scene) -> list[tuple[str, str]]:
         sizes = np.exp(np.quantile(gaussians.log_scales[finite].max(axis=1), [0.05, 0.5, 0.95]).clip(-80, 80))
         opaque = np.quantile(gaussians.opacities[finite], [0.05, 0.5, 0.95])
         facts += [
-            ("extent", f"{_numbers(low)} to {_numbers(high)} m (98 % of the splats)"),
-            ("size", f"{_numbers(sizes)} m (longest axis; 5, 50, 95 %)"),
-            ("opacity", f"{_numbers(opaque)} (5, 50, 95 %)"),
+            ("extent", f"{_format_numbers(low)} to {_format_numbers(high)} m (98 % of the splats)"),
+            ("size", f"{_format_numbers(sizes)} m (longest axis; 5, 50, 95 %)"),
+            ("opacity", f"{_format_numbers(opaque)} (5, 50, 95 %)"),
         ]
     labelled = int(np.count_nonzero(scene.instance_ids))
     facts.append(("instances", f"{len(scene.table)}, on {labelled:,} splats"))
     if scene.origin.any():
-        facts.append(("origin", f"{_numbers(scene.origin)} m"))
+        facts.append(("origin", f"{_format_numbers(scene.origin)} m"))
     if scene.actors:
         moving = np.count_nonzero(scene.nodes)
         facts.append(("actors", f"{len(scene.actors)} moving objects of {moving:,} splats"))
@@ -101,5 +101,5 @@ def _facts(scene: Scene) -> list[tuple[str, str]]:
     return facts
 
 
-def _numbers(values: np.ndarray) -> str:
+def _format_numbers(values: np.ndarray) -> str:
     return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"

@@ -24,7 +24,7 @@ else:
     SourceName = literal_type_from_choices([known.name for known in MASK_SOURCES])
 
 
-def masks(
+def create_masks(
     clip: Positional[Path],
     source: Annotated[SourceName, arg(help=describe_mask_sources())] = "exact",
     out: Annotated[Path | None, arg(aliases=["-o"])] = None,
@@ -67,7 +67,7 @@ def masks(
     def make(on_frame: Callable[[int], None]) -> MaskFolder:
         return make_masks(loaded, source, folder, seed, on_frame, faults, SourceOptions(imported, sam))
 
-    written = _with_progress(make, f"masks ({source})", total)
+    written = _show_progress(make, f"masks ({source})", total)
     count = sum(written.counts.values())
     with_faults = f" with the faults {faults}" if faults else ""
     print(f"{count} masks in {len(written.counts)} photos, from {source}{with_faults}: {folder}")
@@ -75,7 +75,7 @@ def masks(
         print("Contact sheets:", *map(str, write_contact_sheets(loaded, written, sheet)))
 
 
-def _with_progress(make: Callable[[Callable[[int], None]], MaskFolder], title: str, total: int) -> MaskFolder:
+def _show_progress(make: Callable[[Callable[[int], None]], MaskFolder], title: str, total: int) -> MaskFolder:
     """Run what makes masks under a bar; say so where it goes on with what was done before."""
     from rich.progress import MofNCompleteColumn, Progress
 

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import tyro
 
-from instdrive_core.cli.arguments import moment
+from instdrive_core.cli.arguments import choose_time
 from instdrive_core.formats.objects.writers import Shape, check_suffix, write_objects
 from instdrive_core.project.open import open_edited_scene
 
 
-def objects(
+def export_objects(
     scene: tyro.conf.Positional[Path],
     *,
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
@@ -29,7 +29,7 @@ def objects(
     """
     check_suffix(out)
     opened = open_edited_scene(scene)
-    time = moment(opened, time)
+    time = choose_time(opened, time)
     written = write_objects(out, opened, time, shape)
     print(f"{out}: {len(written)} object{'s' * (len(written) != 1)}{f' at {time:g} s' if opened.actors else ''}")
     absent = sum(not entry.present for entry in written)

@@ -9,7 +9,7 @@ from pathlib import Path
 from jaxtyping import Int
 from numpy import ndarray
 
-from instdrive_core.cli.arguments import known_ids
+from instdrive_core.cli.arguments import check_known_ids
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.scene_parts import find_remaining_actors
 from instdrive_core.errors import OptionError
@@ -32,7 +32,7 @@ class PartOptions:
 
     def rows(self, document: Document) -> Int[ndarray, " k"] | None:
         """The splats of --only; None for all. Raises OptionError for an unknown ID."""
-        return document.find_rows(known_ids(self.only, document.scene.table)) if self.only else None
+        return document.find_rows(check_known_ids(self.only, document.scene.table)) if self.only else None
 
     def write(self, document: Document, time: float, ending: str, sibr: bool) -> None:
         """Write --each and --actors; `ending` is that of the scene's file, empty for a folder."""
@@ -43,11 +43,12 @@ class PartOptions:
             _require(ids, "the scene has no instances, so --each has nothing to write; train it with masks first")
             written = export_instances(document, self.each, ids, time, ending, sibr=sibr)
             absent = f" ({written.skipped} are not there at {time:g} s)" if written.skipped else ""
-            print(f"{self.each}: {_told(written)}{absent}")
+            print(f"{self.each}: {_describe_parts(written)}{absent}")
         if self.actors is not None:
             nodes = find_remaining_actors(document)
             _require(nodes, "the scene has no moving objects, so --actors has nothing to write")
-            print(f"{self.actors}: {_told(export_actors(document, self.actors, nodes, ending, sibr=sibr))}, with poses")
+            written = export_actors(document, self.actors, nodes, ending, sibr=sibr)
+            print(f"{self.actors}: {_describe_parts(written)}, with poses")
 
 
 def _require(found: Iterable[int], problem: str) -> None:
@@ -55,5 +56,5 @@ def _require(found: Iterable[int], problem: str) -> None:
         raise OptionError(problem)
 
 
-def _told(written: ExportedParts) -> str:
+def _describe_parts(written: ExportedParts) -> str:
     return f"{format_count(len(written.files), 'file')}, {format_count(written.splats, 'splat')}"

@@ -12,7 +12,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
-from instdrive_core.cli.arguments import known_ids, moment, view_named
+from instdrive_core.cli.arguments import check_known_ids, choose_time, find_named_view
 from instdrive_core.errors import OptionError
 from instdrive_core.files.atomic import open_atomically
 from instdrive_core.project.open import open_edited_scene
@@ -25,7 +25,7 @@ DEFAULT_WIDTH, DEFAULT_HEIGHT = 1280, 720
 MAX_SIDE = 16384
 
 
-def render(
+def render_pictures(
     scene: tyro.conf.Positional[Path],
     *,
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
@@ -54,18 +54,18 @@ def render(
     if all_views and view is not None:
         raise OptionError(f"--all-views and --view {view} exclude each other; give one of them")
     opened = open_edited_scene(scene)
-    drawn = ~np.isin(opened.instance_ids, known_ids(hide, opened.table))
-    shots = _all_shots(opened, out) if all_views else [(_camera_and_time(opened, view, time), _png(out))]
+    drawn = ~np.isin(opened.instance_ids, check_known_ids(hide, opened.table))
+    shots = _list_shots(opened, out) if all_views else [(_choose_camera_and_time(opened, view, time), _check_png(out))]
     for (camera, its_time), path in shots:
-        shown_at = its_time if time is None else moment(opened, time)
-        shown = view_scene(opened, _resized(camera, width, height), shown_at, drawn)
+        shown_at = its_time if time is None else choose_time(opened, time)
+        shown = view_scene(opened, _resize_camera(camera, width, height), shown_at, drawn)
         _save_png(path, colorize_preview(opened, shown, mode))
         print(path)
 
 
-def orbit_camera(scene: Scene, time: float) -> Camera:
+def place_orbit_camera(scene: Scene, time: float) -> Camera:
     """A camera above and beside the scene that sees most of its opaque Gaussians."""
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     means, _ = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     solid = (scene.gaussians.opacities > 0.3) & (present[scene.nodes] != 0) & np.isfinite(means).all(axis=1)
     points = means[solid].astype(np.float64) if solid.any() else np.zeros((1, 3))
@@ -77,15 +77,15 @@ def orbit_camera(scene: Scene, time: float) -> Camera:
     return Camera(focal, focal, *center, DEFAULT_WIDTH, DEFAULT_HEIGHT, look_at(position, target))
 
 
-def _camera_and_time(scene: Scene, name: str | None, time: float | None) -> tuple[Camera, float]:
+def _choose_camera_and_time(scene: Scene, name: str | None, time: float | None) -> tuple[Camera, float]:
     if name == "orbit" or (name is None and not scene.views):
-        shown = moment(scene, time)
-        return orbit_camera(scene, shown), shown
-    view = view_named(scene, name) if name is not None else scene.views[0]
+        shown = choose_time(scene, time)
+        return place_orbit_camera(scene, shown), shown
+    view = find_named_view(scene, name) if name is not None else scene.views[0]
     return view.camera, view.time
 
 
-def _all_shots(scene: Scene, folder: Path) -> list[tuple[tuple[Camera, float], Path]]:
+def _list_shots(scene: Scene, folder: Path) -> list[tuple[tuple[Camera, float], Path]]:
     if not scene.views:
         raise OptionError("the scene keeps no photo cameras, so --all-views draws nothing; use --view orbit")
     if folder.suffix.lower() == ".png":
@@ -93,13 +93,13 @@ def _all_shots(scene: Scene, folder: Path) -> list[tuple[tuple[Camera, float], P
     return [((view.camera, view.time), folder / view.name / f"{view.index:02d}.png") for view in scene.views]
 
 
-def _png(path: Path) -> Path:
+def _check_png(path: Path) -> Path:
     if path.suffix.lower() != ".png":
         raise OptionError(f"{path} does not end in .png; IDs are exact in PNG only, so no other format is written")
     return path
 
 
-def _resized(camera: Camera, width: int | None, height: int | None) -> Camera:
+def _resize_camera(camera: Camera, width: int | None, height: int | None) -> Camera:
     for name, value in (("width", width), ("height", height)):
         if value is not None and not 1 <= value <= MAX_SIDE:
             raise OptionError(f"--{name} is {value}; it must be from 1 to {MAX_SIDE} pixels")

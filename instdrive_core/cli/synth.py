@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 
-def synth(
+def record_synthetic_drive(
     out: Annotated[Path, tyro.conf.Positional],
     seed: int = 0,
     steps: int = 20,

@@ -63,10 +63,10 @@ class TrainProgress:
             self._start = (event.iteration, event.seconds)
         steps, seconds = event.iteration - self._start[0], event.seconds - self._start[1]
         speed = steps / seconds if seconds > 0 else 0.0
-        self._loss = _smoothed(self._loss, event.loss)
+        self._loss = _smooth(self._loss, event.loss)
         figures = f"loss {self._loss:.4f}"
         if event.psnr is not None:
-            self._psnr = _smoothed(self._psnr, event.psnr)
+            self._psnr = _smooth(self._psnr, event.psnr)
             figures += f" · PSNR {self._psnr:.2f} dB"
         figures += f" · {event.gaussians:,} Gaussians · {speed:.1f} it/s"
         self._bar.update(task, completed=event.iteration, figures=figures)
@@ -81,5 +81,5 @@ def train_with_progress(request: RunRequest) -> None:
         run_training(request, progress.on_event, progress.on_note)
 
 
-def _smoothed(before: float | None, value: float) -> float:
+def _smooth(before: float | None, value: float) -> float:
     return value if before is None else 0.9 * before + 0.1 * value

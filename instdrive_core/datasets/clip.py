@@ -1,4 +1,4 @@
-"""A driving clip as the rest of the program sees it, whatever data set it comes from."""
+"""Driving clips as the rest of the program sees them, whatever data set they come from."""
 
 from __future__ import annotations
 
@@ -92,9 +92,9 @@ class Clip:
     """Semantic classes; empty where the clip has none."""
     camera_names: tuple[str, ...]
     points: SparsePoints | None = None
-    """What training starts from where there is no LiDAR, maybe no point at all; None = LiDAR is needed."""
+    """Points that training starts from where there is no LiDAR, maybe none at all; None = LiDAR is needed."""
     notes: tuple[str, ...] = ()
-    """What a user should know of the clip before training, e.g. that its scale is unknown."""
+    """Facts that a user should know before training, e.g. that the clip's scale is unknown."""
 
     @property
     def training_frames(self) -> tuple[Frame, ...]:
@@ -114,7 +114,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class ClipOptions:
-    """Which part of a clip to load, and at which size."""
+    """Part of a clip to load, and its image size."""
 
     cameras: str = "6"
     """Camera set: 1 (front), 3 (front and front sides), 6 (all), or names joined by commas; where cameras have no known
@@ -128,5 +128,5 @@ class ClipOptions:
 
 
 def choose_origin(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
-    """A clip origin: the mean position, rounded to whole metres so that it prints well."""
+    """Choose a clip's origin: the mean position, rounded to whole metres so that it prints well."""
     return np.round(points.mean(axis=0))

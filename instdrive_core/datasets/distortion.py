@@ -31,7 +31,7 @@ class Distortion:
     def distort(
         self, x: Float64[ndarray, "*n"], y: Float64[ndarray, "*n"]
     ) -> tuple[Float64[ndarray, "*n"], Float64[ndarray, "*n"]]:
-        """Place where the lens shows what a pinhole would show at x, y."""
+        """Compute where the lens shows what a pinhole would show at x, y."""
         with np.errstate(over="ignore", invalid="ignore"):  # what is so far off is in no photo
             return self._distort(x, y)
 
@@ -46,7 +46,7 @@ class Distortion:
 
 
 def undistort(image: UInt8[ndarray, "h w 3"], camera: Camera, distortion: Distortion) -> UInt8[ndarray, "h w 3"]:
-    """The photo that a pinhole with the camera's intrinsics would have taken, interpolated bilinearly."""
+    """Make the photo that a pinhole with the camera's intrinsics would have taken, interpolated bilinearly."""
     rows, columns = _find_source_pixels(camera, distortion)
     channels = [
         ndimage.map_coordinates(image[:, :, channel].astype(np.float32), (rows, columns), order=1, mode="nearest")
@@ -56,7 +56,7 @@ def undistort(image: UInt8[ndarray, "h w 3"], camera: Camera, distortion: Distor
 
 
 def find_covered_pixels(camera: Camera, distortion: Distortion) -> Bool[ndarray, "h w"]:
-    """Pixels of the undistorted photo that the photo on disk shows."""
+    """Find the pixels of the undistorted photo that the photo on disk shows."""
     rows, columns = _find_source_pixels(camera, distortion)
     inside = (rows >= -0.5) & (rows <= camera.height - 0.5) & (columns >= -0.5) & (columns <= camera.width - 0.5)
     return inside & _is_before_fold(camera, distortion)
@@ -65,7 +65,7 @@ def find_covered_pixels(camera: Camera, distortion: Distortion) -> Bool[ndarray,
 def _find_source_pixels(
     camera: Camera, distortion: Distortion
 ) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
-    """Row and column in the photo on disk (0 = centre of the first pixel) of each undistorted pixel."""
+    """Find row and column in the photo on disk (0 = centre of the first pixel) of each undistorted pixel."""
     x, y = distortion.distort(*_compute_pinhole_coordinates(camera))
     return y * camera.fy + camera.cy - 0.5, x * camera.fx + camera.cx - 0.5
 
@@ -76,7 +76,7 @@ def _compute_pinhole_coordinates(camera: Camera) -> tuple[Float64[ndarray, "h w"
 
 
 def _is_before_fold(camera: Camera, distortion: Distortion) -> Bool[ndarray, "h w"]:
-    """Where the distorted radius still rises with the radius: beyond, the polynomial folds back and means nothing."""
+    """Whether the distorted radius still rises with the radius: beyond, the polynomial folds back and means nothing."""
     x, y = _compute_pinhole_coordinates(camera)
     radius = np.hypot(x, y)
     steps = np.linspace(0, radius.max(), 512)

@@ -34,6 +34,8 @@ _REMEDY = "Export the data set again, or correct the file"
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg")
 """Tried in turn: files of the first NeRFs name photos without."""
 _PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
+_IGNORED = ("mask_path", "depth_file_path", "train_filenames", "val_filenames", "test_filenames")
+"""Fields that say something about photos which a clip has no place for."""
 _FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -55,7 +57,14 @@ def load_nerfstudio(path: str | Path, options: ClipOptions) -> Clip:
         problem = f"the field 'frames' is a {type(frames).__name__}, expected a list"
         raise DataError(listing, problem, _REMEDY)
     photos = [_read_photo(root, content, frame, f"frames[{row}].") for row, frame in enumerate(frames)]
-    return build_photo_clip(root, listing, photos, _read_points(root, content), options)
+    return build_photo_clip(root, listing, photos, _read_points(root, content), options, _describe_ignored(content))
+
+
+def _describe_ignored(content: dict[str, Any]) -> tuple[str, ...]:
+    """A note on fields that are there but not read."""
+    fields = dict.fromkeys(key for entry in (content, *content["frames"]) for key in entry)
+    ignored = [key for key in fields if key in _IGNORED]
+    return (f"fields that are not read: {', '.join(ignored)}",) if ignored else ()
 
 
 def _read_photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> PosedPhoto:

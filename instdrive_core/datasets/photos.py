@@ -15,7 +15,7 @@ from instdrive_core.files.plain_file import BoundedReader
 
 
 def read_photo_size(photo: Path) -> tuple[int, int]:
-    """Width and height, from the header alone. Raises DataError where it is no photo."""
+    """Read width and height from the header alone. Raises DataError where it is no photo."""
     try:
         with BoundedReader(photo) as file, Image.open(file) as image:
             check_pixels(photo, image.size)
@@ -25,7 +25,7 @@ def read_photo_size(photo: Path) -> tuple[int, int]:
 
 
 def load_photo(photo: Path, full_size: tuple[int, int], size: tuple[int, int]) -> UInt8[ndarray, "h w 3"]:
-    """The photo in RGB, averaged down to `size` (width, height); JPEGs skip what their decoder can.
+    """Load a photo in RGB, averaged down to `size` (width, height); JPEGs skip what their decoder can.
 
     Raises DataError where it is damaged or its size on disk is not `full_size`.
     """

@@ -1,4 +1,4 @@
-"""A clip from nothing but posed photos and maybe sparse points: what COLMAP's and nerfstudio's folders come down to."""
+"""Clips from nothing but posed photos and maybe sparse points, as COLMAP's and nerfstudio's folders hold them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PosedPhoto:
     name: str
     """Path as listed; photos of one camera are ordered by it, and their folder is the camera's name."""
     file: Path
-    """Where it should be."""
+    """Its place on disk, whether or not it is there."""
     camera: Camera
     """At full size, in the file's world."""
     distortion: Distortion
@@ -60,7 +60,8 @@ class ListedPoints:
 
 
 def resolve_inner_path(listing: Path, folder: Path, name: Any) -> Path:
-    """The file of a folder that `listing` calls `name`. Raises UntrustedDataError where the name leads out of it."""
+    """Find the file of a folder that `listing` calls `name`. Raises UntrustedDataError where the name leads out of
+    it."""
     if not isinstance(name, str) or not name:
         raise DataError(listing, f"{name!r} stands where a file's name should", "Export the data set again")
     is_writable = not any(sign < " " or "\ud800" <= sign <= "\udfff" for sign in name)
@@ -75,9 +76,14 @@ def resolve_inner_path(listing: Path, folder: Path, name: Any) -> Path:
 
 
 def build_photo_clip(
-    root: Path, listing: Path, photos: list[PosedPhoto], points: ListedPoints, options: ClipOptions
+    root: Path,
+    listing: Path,
+    photos: list[PosedPhoto],
+    points: ListedPoints,
+    options: ClipOptions,
+    notes: tuple[str, ...] = (),
 ) -> Clip:
-    """A static clip without LiDAR. Photos not on disk are left out, but keep their place in the order.
+    """Build a static clip without LiDAR. Photos not on disk are left out, but keep their place in the order.
 
     Args:
         root: the clip's folder.
@@ -85,6 +91,7 @@ def build_photo_clip(
         photos: all that are listed.
         points: what training starts from, maybe none.
         options: which part to load.
+        notes: what a user should know besides what is found here.
 
     Raises DataError where no photo is there, OptionError for an unknown camera, an empty frame range or a bad scale.
     """
@@ -94,7 +101,7 @@ def build_photo_clip(
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
     ordered = _order_photos(root, photos, options.cameras)
     present = [entry for entry in ordered if entry[1].file.is_file()]
-    _warn_of_missing(listing, ordered, present)
+    missing = _describe_missing(listing, ordered, present)
     chosen = [entry for entry in present if _is_in_range(entry[0], options)]
     if not chosen:
         raise OptionError(f"{root}: no photo lies in the chosen frames; there are 0–{ordered[-1][0]}")
@@ -118,18 +125,18 @@ def build_photo_clip(
         class_names={},
         camera_names=tuple(dict.fromkeys(get_camera_name(photo) for _, photo in chosen)),
         points=SparsePoints((world.transform_points(points.points) - origin).astype(np.float32), points.colors),
-        notes=(*world.notes, describe_start(len(points.points))),
+        notes=(*missing, *notes, *world.notes, describe_start(len(points.points))),
     )
 
 
 def get_camera_name(photo: PosedPhoto) -> str:
-    """The folder of a photo below ``images``, or ``camera`` where there is none."""
+    """Name a photo's camera: its folder below ``images``, or ``camera`` where there is none."""
     folders = [part for part in PurePosixPath(photo.name).parts[:-1] if part != "images"]
     return "_".join(folders) or "camera"
 
 
 def build_camera(listing: Path, where: str, intrinsics: tuple[float, ...], size: tuple[int, int]) -> Camera:
-    """A camera without pose from fx, fy, cx, cy. Raises DataError where no photo can have been taken with it."""
+    """Build a camera without pose from fx, fy, cx, cy. Raises DataError where no photo can have been taken with it."""
     fx, fy, cx, cy = intrinsics
     width, height = size
     if not (0 < width < 1 << 16 and 0 < height < 1 << 16 and width * height <= MAX_PIXELS):
@@ -141,7 +148,7 @@ def build_camera(listing: Path, where: str, intrinsics: tuple[float, ...], size:
 
 
 def check_points(listing: Path, points: Float64[ndarray, "n 3"]) -> None:
-    """Raises DataError where a coordinate is no number that positions can have."""
+    """Raise DataError where a coordinate is no number that positions can have."""
     bad = np.flatnonzero(~(np.abs(points) < 1e9).all(axis=1))
     if len(bad):
         problem = f"point {bad[0]} lies at {points[bad[0]].tolist()} ({len(bad)} such points)"
@@ -149,7 +156,7 @@ def check_points(listing: Path, points: Float64[ndarray, "n 3"]) -> None:
 
 
 def _order_photos(root: Path, photos: list[PosedPhoto], asked: str) -> list[tuple[int, PosedPhoto]]:
-    """Photos of the asked cameras with their time steps: their places in their own camera's order."""
+    """Order photos of the asked cameras by time step, which is their place in their own camera's order."""
     by_camera: dict[str, list[PosedPhoto]] = {}
     for photo in sorted(photos, key=lambda photo: photo.name):
         by_camera.setdefault(get_camera_name(photo), []).append(photo)
@@ -171,15 +178,19 @@ def _choose_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[s
     return names
 
 
-def _warn_of_missing(
+def _describe_missing(
     listing: Path, listed: list[tuple[int, PosedPhoto]], present: list[tuple[int, PosedPhoto]]
-) -> None:
+) -> tuple[str, ...]:
+    """A note on photos that are not there, also logged. Raises DataError where none is."""
     missing = [photo.file for _, photo in listed if not photo.file.is_file()]
     if not present:
         problem = f"none of the {len(listed)} photos that it lists is there, e.g. {missing[0]}"
         raise DataError(listing, problem, "Put the photos into the folder under the names that the file lists")
-    if missing:
-        logger.warning("%s: %d of %d photos are missing, e.g. %s", listing, len(missing), len(listed), missing[0])
+    if not missing:
+        return ()
+    note = f"{len(missing)} of {len(listed)} photos are missing, e.g. {missing[0]}"
+    logger.warning("%s: %s", listing, note)
+    return (note,)
 
 
 def _is_in_range(step: int, options: ClipOptions) -> bool:
@@ -190,7 +201,7 @@ Coverage = Callable[[Camera, Distortion], Bool[ndarray, "h w"] | None]
 
 
 def _build_coverage_cache() -> Coverage:
-    """Which pixels undistorted photos fill; photos of one camera share one mask."""
+    """Build a function for the pixels that undistorted photos fill; photos of one camera share one mask."""
 
     @lru_cache(maxsize=64)
     def find_once(
@@ -222,7 +233,7 @@ def _load_undistorted(
 
 
 def describe_start(count: int) -> str:
-    """What training of a clip without LiDAR starts from, in words."""
+    """Say what training of a clip without LiDAR starts from."""
     if count:
         return f"no LiDAR: starting from {count:,} sparse points"
     return "no LiDAR and no points: starting from random points before the cameras"

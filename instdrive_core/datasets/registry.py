@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.colmap.clips import holds_colmap, load_colmap
 from instdrive_core.datasets.nerfstudio import holds_nerfstudio, load_nerfstudio
-from instdrive_core.datasets.pandaset.clips import load_pandaset
+from instdrive_core.datasets.pandaset.clips import holds_pandaset, load_pandaset
+from instdrive_core.errors import DataError
 
 
 @dataclass(frozen=True)
@@ -16,7 +18,9 @@ class DataSet:
     """A layout of driving clips on disk."""
 
     title: str
-    """As users know it."""
+    """Name that users know it by."""
+    needs: str
+    """Words on what a folder must hold to be opened as this."""
     holds: Callable[[str], bool]
     """Whether a folder is laid out like this; cheap."""
     load: Callable[[str, ClipOptions], Clip]
@@ -24,10 +28,9 @@ class DataSet:
 
 
 DATA_SETS = (
-    DataSet("nerfstudio", holds_nerfstudio, load_nerfstudio),
-    DataSet("COLMAP", holds_colmap, load_colmap),
-    # The last one names what it misses in a folder that no data set knows.
-    DataSet("PandaSet", lambda _: True, load_pandaset),
+    DataSet("nerfstudio", "a file 'transforms.json'", holds_nerfstudio, load_nerfstudio),
+    DataSet("COLMAP", "a model in 'sparse/0' or 'sparse', photos in 'images'", holds_colmap, load_colmap),
+    DataSet("PandaSet", "folders 'camera' and 'meta' of one sequence, e.g. 002", holds_pandaset, load_pandaset),
 )
 """Asked in this order. A new data set is its file or room, a line here, and its test."""
 
@@ -35,6 +38,12 @@ DATA_SETS = (
 def load_clip(path: str, options: ClipOptions) -> Clip:
     """Open a clip of any known data set.
 
-    Raises DataError where the folder is no clip or a file in it is damaged, OptionError for unknown cameras.
+    Raises DataError where there is no such folder, no data set knows its layout or a file in it is damaged, OptionError
+    for unknown cameras.
     """
-    return next(known for known in DATA_SETS if known.holds(path)).load(path, options)
+    for data_set in DATA_SETS:
+        if data_set.holds(path):
+            return data_set.load(path, options)
+    problem = "is no driving clip of a known layout" if Path(path).is_dir() else "there is no such folder"
+    layouts = "; ".join(f"{data_set.title}: {data_set.needs}" for data_set in DATA_SETS)
+    raise DataError(path, problem, f"Give a folder that holds one of these. {layouts}")

@@ -32,12 +32,12 @@ class SweepCache:
     def __init__(self, clip: Clip, held_out: bool = False) -> None:
         self.clip = clip
         self.sweeps = clip.sweeps if held_out else clip.training_sweeps
-        self._load = lru_cache(maxsize=3)(lambda position: self.sweeps[position].load())
+        self._load_sweep = lru_cache(maxsize=3)(lambda position: self.sweeps[position].load())
         self._last: tuple[int, SweepPoints | None] | None = None
         self._times = {frame.view.index: frame.view.time for frame in clip.frames}
 
-    def at(self, index: int) -> SweepPoints | None:
-        """Points as they lie at a time step of the clip's frames; None where no sweep may be used.
+    def load(self, index: int) -> SweepPoints | None:
+        """Load the points as they lie at a time step of the clip's frames; None where no sweep may be used.
 
         The step's own sweep if there is one, else the nearest before and after together, with the points inside boxes
         of moving tracks carried along. Points on objects whose track does not cover the asked time are left out, and
@@ -55,17 +55,17 @@ class SweepCache:
         if not positions:
             return None
         if self.sweeps[positions[0]].index == index:
-            return self._load(positions[0])
+            return self._load_sweep(positions[0])
         time = self._times[index]
         return _join_sweeps([self._carry_points(position, time) for position in positions])
 
     def load_positions(self, index: int) -> Float32[ndarray, "n 3"]:
-        """Positions only; none where no sweep may be used."""
-        found = self.at(index)
+        """Load the positions alone; no rows where no sweep may be used."""
+        found = self.load(index)
         return np.zeros((0, 3), np.float32) if found is None else found.points
 
     def _find_neighbours(self, index: int) -> list[int]:
-        """Positions in `sweeps`: the step's own, else the nearest before and after."""
+        """Find positions in `sweeps`: the step's own, else the nearest before and after."""
         indices = [sweep.index for sweep in self.sweeps]
         if index in indices:
             return [indices.index(index)]
@@ -75,9 +75,9 @@ class SweepCache:
 
     def _carry_points(self, position: int, time: float) -> SweepPoints:
         sweep: Sweep = self.sweeps[position]
-        found = self._load(position)
+        found = self._load_sweep(position)
         tracks = [track for track in self.clip.tracks if track.moving and track.covers(sweep.time)]
-        boxes = _Boxes.at(tracks, sweep.time)
+        boxes = _Boxes.build(tracks, sweep.time)
         points, kept = found.points.copy(), np.ones(len(found.points), bool)
         near = np.flatnonzero(boxes.find_holders(found.points, SIBLING_REACH) >= 0)
         kept[near[found.sensor[near] != 0]] = False
@@ -86,7 +86,7 @@ class SweepCache:
         carrying = boxes.select(stays)
         holder = carrying.find_holders(found.points[near], BOX_MARGIN)
         for number in np.unique(holder[holder >= 0]):
-            motion = carrying.tracks[number].pose_at(time) @ np.linalg.inv(carrying.poses[number])
+            motion = carrying.tracks[number].interpolate_pose(time) @ np.linalg.inv(carrying.poses[number])
             rows = near[holder == number]
             points[rows] = found.points[rows] @ motion[:3, :3].T + motion[:3, 3]
         return _select_rows(replace(found, points=points), kept)
@@ -100,27 +100,16 @@ class _Boxes:
     poses: Float64[ndarray, "b 4 4"]
 
     @staticmethod
-    def at(tracks: list[Track], time: float) -> _Boxes:
-        return _Boxes(tracks, np.array([track.pose_at(time) for track in tracks]).reshape(-1, 4, 4))
+    def build(tracks: list[Track], time: float) -> _Boxes:
+        return _Boxes(tracks, np.array([track.interpolate_pose(time) for track in tracks]).reshape(-1, 4, 4))
 
     def select(self, chosen: Bool[ndarray, " b"]) -> _Boxes:
         return _Boxes([self.tracks[number] for number in np.flatnonzero(chosen)], self.poses[chosen])
 
     def find_holders(self, points: Float32[ndarray, "n 3"], margin: float) -> Int32[ndarray, " n"]:
-        """The box, grown by `margin` metres, that holds each point; -1 = none."""
+        """Find the box, grown by `margin` metres, that holds each point; -1 = none."""
         dimensions = np.array([track.dimensions for track in self.tracks]).reshape(-1, 3)
         return find_box_of_points(points, self.poses, dimensions, margin, BOX_BOTTOM)
-
-
-def load_points_at(clip: Clip, index: int, held_out: bool = False) -> SweepPoints | None:
-    """Points as they lie at a time step; see `SweepCache.at`, which is better for several steps.
-
-    Args:
-        clip: the clip.
-        index: a time step of the clip's frames.
-        held_out: whether sweeps of held-out time steps may be used; False for everything that trains.
-    """
-    return SweepCache(clip, held_out).at(index)
 
 
 def _select_rows(sweep: SweepPoints, kept: Bool[ndarray, " n"]) -> SweepPoints:
@@ -134,7 +123,7 @@ def _select_rows(sweep: SweepPoints, kept: Bool[ndarray, " n"]) -> SweepPoints:
 
 
 def _join_sweeps(parts: list[SweepPoints]) -> SweepPoints:
-    """All points; classes and instances only where every part has them."""
+    """Join all points; classes and instances stay only where every part has them."""
     classes = [part.classes for part in parts if part.classes is not None]
     labels = [part.instance_labels for part in parts if part.instance_labels is not None]
     return SweepPoints(

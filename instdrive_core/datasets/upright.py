@@ -24,7 +24,7 @@ _MOST_LOOKED_AT = 20_000
 
 @dataclass(frozen=True)
 class UprightWorld:
-    """From a file's world to the clip's: turn, then scale."""
+    """Transform from a file's world to the clip's: a turn, then a scale."""
 
     rotation: Float64[ndarray, "3 3"]
     scale: float
@@ -32,19 +32,19 @@ class UprightWorld:
     notes: tuple[str, ...]
 
     def transform_poses(self, world_from_camera: Float64[ndarray, "n 4 4"]) -> Float64[ndarray, "n 4 4"]:
-        """Poses in the clip's world."""
+        """Transform poses to the clip's world."""
         turned = world_from_camera.copy()
         turned[:, :3, :3] = self.rotation @ world_from_camera[:, :3, :3]
         turned[:, :3, 3] = self.transform_points(world_from_camera[:, :3, 3])
         return turned
 
     def transform_points(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
-        """Points in the clip's world."""
+        """Transform points to the clip's world."""
         return points.astype(np.float64) @ self.rotation.T * self.scale
 
 
 def find_upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[ndarray, "m 3"]) -> UprightWorld:
-    """Up is the mean of the cameras' up vectors; the unit is the file's, unless no street could have it.
+    """Find a world whose z is up: the mean of the cameras' up vectors; the unit is the file's unless no street has it.
 
     Args:
         world_from_camera: poses in the file's world, OpenCV axes.
@@ -63,7 +63,7 @@ def find_upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Flo
 
 
 def _choose_unit(centers: Float64[ndarray, "n 3"], points: Float[ndarray, "m 3"]) -> tuple[float, str]:
-    """Metres per unit, and how that was chosen."""
+    """Choose metres per unit, and say how."""
     if len(points):
         some = points[:: max(1, len(points) // _MOST_LOOKED_AT)]
         distance, plausible = float(np.median(KDTree(centers).query(some)[0])), PLAUSIBLE_REACH

@@ -1,4 +1,4 @@
-"""What a deletion leaves: residue of what was deleted, and holes in the ground that nothing ever showed."""
+"""What a deletion leaves: residue of the deleted things, and holes in the ground that no photo ever showed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class DeletedPart:
 
 @dataclass(frozen=True)
 class DeletionReport:
-    """What is left of a deletion, and what it uncovers."""
+    """The residue of a deletion, and the hole that it uncovers."""
 
     parts: tuple[DeletedPart, ...]
     residue: Int64[ndarray, " r"]
@@ -72,7 +72,7 @@ class DeletionReport:
         return f"{residue}, {hole}"
 
     def make_absorb_edit(self) -> Edit | None:
-        """The edit that takes the residue away; None where there is none."""
+        """The edit that removes the residue; None where there is none."""
         if not len(self.residue):
             return None
         if len(self.parts) == 1 and self.parts[0].whole:
@@ -88,7 +88,7 @@ class DeletionReport:
 
 
 def report_deletion(document: Document, ids: Iterable[int], time: float) -> DeletionReport:
-    """What deleting instances left, or would leave; `time` (seconds) says where moving ones are.
+    """Report what deleting instances left, or would leave; `time` (seconds) says where moving ones are.
 
     Raises EditError for an unknown ID.
     """
@@ -100,7 +100,10 @@ def report_deletion(document: Document, ids: Iterable[int], time: float) -> Dele
 
 
 def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionReport:
-    """The same for deleted rows of any instances, such as a selection."""
+    """Report what deleting some rows of any instances, such as a selection, left or would leave.
+
+    `time` (seconds) says where moving instances are.
+    """
     ids, parts = document.scene.instance_ids[rows], []
     for instance_id in np.unique(ids[ids > 0]).tolist():
         mine, name = rows[ids == instance_id], document.scene.table[instance_id].name

@@ -38,7 +38,7 @@ from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, 
 
 @dataclass(frozen=True)
 class EditKind:
-    """What programs that list, draw or read edits must know of one kind; the rest is the class itself."""
+    """One kind of edit, for programs that list, draw or read edits; its class knows the rest."""
 
     edit: type[Edit]
     icon: str

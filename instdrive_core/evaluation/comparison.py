@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.protocol import Progress, evaluate_saved_run
+from instdrive_core.evaluation.protocol import Progress, evaluate_run
 from instdrive_core.evaluation.run_facts import FACTS, read_run_facts
 from instdrive_core.evaluation.tables import format_figure, write_figures
 from instdrive_core.formats.folder.scenes import MANIFEST
@@ -25,7 +25,7 @@ class ComparedFigure:
     """One row of a comparison."""
 
     key: str
-    """Of the protocol, parts joined by dots."""
+    """Key of the protocol, parts joined by dots."""
     title: str
     better: Literal["higher", "lower"] | None
     """None: neither is."""
@@ -73,7 +73,7 @@ COMPARED = (
 )
 _FACTS = ("seed",)
 """Numbers that measure nothing."""
-_ORACLE = "oracle_"
+_REFERENCE = "oracle_"
 
 
 @dataclass(frozen=True)
@@ -99,12 +99,12 @@ class ComparedCell:
 
     text: str
     delta: str
-    """To the first run; empty for the first, and where either is unknown."""
+    """Difference to the first run; empty for the first, and where either is unknown."""
     best: bool
 
 
 def measure_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> list[MeasuredRun]:
-    """Figures of run folders and of files that `instdrive eval --json` wrote, in the order given.
+    """Read or compute the figures of run folders and of files that `instdrive eval --json` wrote, in the order given.
 
     A folder's `eval.json` is taken where it is newer than the scene; else, or where `fresh`, the run is evaluated and
     the file written. Raises DataError for what is neither.
@@ -116,7 +116,7 @@ def measure_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> list
 
 
 def compare_runs(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list[ComparedCell]]]:
-    """The figures that any run knows; last those of oracles, and those that have no row of their own in `COMPARED`.
+    """Lay the figures that any run knows side by side; references and figures without a row in `COMPARED` come last.
 
     Values that read the same are equally good; where all do, none is best.
     """
@@ -138,7 +138,7 @@ def compare_runs(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list
 
 
 def find_differences(runs: Sequence[MeasuredRun]) -> list[str]:
-    """What makes figures of these runs incomparable, in words."""
+    """Say what makes figures of these runs incomparable."""
     found = []
     for key in COMPARABLE:
         values = list(dict.fromkeys(str(run.figures.get(key)) for run in runs))
@@ -157,10 +157,10 @@ def _list_further_figures(runs: Sequence[MeasuredRun]) -> list[ComparedFigure]:
 
 def _build_further_figure(key: str, known: Mapping[str, ComparedFigure]) -> ComparedFigure:
     folder, _, name = key.rpartition(".")
-    plain = known.get(f"{folder}.{name.removeprefix(_ORACLE)}")
-    if plain is None or not name.startswith(_ORACLE):
+    plain = known.get(f"{folder}.{name.removeprefix(_REFERENCE)}")
+    if plain is None or not name.startswith(_REFERENCE):
         return ComparedFigure(key, key, None)
-    return replace(plain, key=key, title=f"oracle: {plain.title}")
+    return replace(plain, key=key, title=f"reference: {plain.title}")
 
 
 def _list_keys(figures: dict[str, Any], prefix: str = "") -> Iterator[str]:
@@ -182,7 +182,7 @@ def _measure_run(path: Path, fresh: bool, progress: Progress) -> dict[str, Any]:
     evaluated = path / EVALUATED
     if not fresh and evaluated.is_file() and _is_newer_than_scene(evaluated, path):
         return _read_figures(evaluated)
-    figures = evaluate_saved_run(path, progress).figures
+    figures = evaluate_run(path, progress).figures
     write_figures(evaluated, figures)
     return figures
 
@@ -205,7 +205,7 @@ def _read_figures(path: Path) -> dict[str, Any]:
 
 
 def _choose_names(paths: Sequence[Path]) -> list[str]:
-    """The last parts of each path that tell it from the others; a run's `eval.json` is named by its folder."""
+    """Choose the last parts of each path that tell it from the others; a run's `eval.json` is named by its folder."""
     whole = [path.resolve() for path in paths]
     named = [
         path.parent if path.name == EVALUATED else path.with_suffix("") if path.is_file() else path for path in whole

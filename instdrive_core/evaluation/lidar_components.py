@@ -26,9 +26,9 @@ MAX_SWEEPS = 20
 
 
 def assign_component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | None:
-    """An ID per Gaussian: its node's for an actor's, else that of the nearest point's component; None without LiDAR.
+    """Give each Gaussian an ID: an actor's that of its node, others that of the nearest point's component.
 
-    Points of the training sweeps are joined, those in boxes of moving objects left out.
+    Points of the training sweeps are joined, those in boxes of moving objects left out. None without LiDAR.
     """
     points = _gather_standing_points(clip)
     if not len(points):
@@ -52,7 +52,7 @@ def _gather_standing_points(clip: Clip) -> Float32[ndarray, "n 3"]:
     for sweep in sweeps[:: max(1, -(-len(sweeps) // MAX_SWEEPS))]:
         points = sweep.load().points
         moving = [track for track in clip.tracks if track.moving and track.covers(sweep.time)]
-        poses = np.array([track.pose_at(sweep.time) for track in moving]).reshape(-1, 4, 4)
+        poses = np.array([track.interpolate_pose(sweep.time) for track in moving]).reshape(-1, 4, 4)
         dimensions = np.array([track.dimensions for track in moving]).reshape(-1, 3)
         parts.append(points[find_box_of_points(points, poses, dimensions, BOX_MARGIN) < 0])
     return np.concatenate(parts)

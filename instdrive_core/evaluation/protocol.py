@@ -41,10 +41,10 @@ from instdrive_core.masks.ground_truth import (
 from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.scene import Scene
 
-MAX_ORACLE_VIEWS = 120
-"""The oracle's votes come from at most this many training views, evenly spread."""
+MAX_REFERENCE_VIEWS = 120
+"""The reference's votes come from at most this many training views, evenly spread."""
 
-ORACLE_KEYS = {
+REFERENCE_KEYS = {
     "scene": ("miou", "pq"),
     "lidar": tuple(key for key in LIDAR_KEYS if "code" not in key),
     "click": CLICK_KEYS,
@@ -60,17 +60,17 @@ class Evaluation:
     figures: dict[str, Any]
     """The keys of the protocol."""
     controls: dict[str, dict[str, dict[str, Any]]]
-    """By name of the control: `per_view`, `scene` and `lidar`."""
+    """Scores by name of the control: `per_view`, `scene` and `lidar`."""
     held_out_steps: tuple[int, ...]
     privileged: bool
     """The run trained on the same annotations that it is measured with."""
     scene: Scene
     views: tuple[HeldOutView, ...]
-    """With them, a view's maps are made again without drawing: `views[k].with_ids(scene.instance_ids).predicted`
+    """Measured views. A view's maps are made again without drawing: `views[k].with_ids(scene.instance_ids).predicted`
     against `views[k].truth`; its photo is `views[k].frame.load_image()`, its picture
     `view_scene(scene, frame.view.camera, frame.view.time).color`."""
     truth_instances: dict[int, GroundTruthInstance]
-    """What each ID of the ground truth is."""
+    """Facts of each ID of the ground truth."""
     has_truth: bool
     """Whether the clip says what is which instance; without it nothing but images is measured."""
     objects: tuple[ObjectRow, ...]
@@ -88,13 +88,11 @@ class Evaluation:
         return {code - 1: objects for code, objects in find_shared_ids(coded).items()}
 
 
-def evaluate_run(run: Path, progress: Progress = lambda stage, done, total: None) -> dict[str, Any]:
-    """The figures of a finished run. Raises DataError where run, clip or ground truth cannot be read."""
-    return evaluate_saved_run(run, progress).figures
+def evaluate_run(run: Path, progress: Progress = lambda stage, done, total: None) -> Evaluation:
+    """Measure a finished run with the part of the clip that it was trained on.
 
-
-def evaluate_saved_run(run: Path, progress: Progress = lambda stage, done, total: None) -> Evaluation:
-    """As `evaluate_run`, with the trivial controls."""
+    Raises DataError where the run, the clip or the ground truth cannot be read, or the clip has moved since.
+    """
     facts = read_run_facts(run)
     scene = read_scene_folder(run)
     clip = load_clip(facts["clip"], build_clip_options(facts))
@@ -110,11 +108,12 @@ def evaluate_scene(
     ground_truth: GroundTruth,
     facts: dict[str, Any],
     progress: Progress = lambda stage, done, total: None,
-    oracle_too: bool = True,
+    with_reference: bool = True,
 ) -> Evaluation:
     """Measure a scene on a clip's held-out views and sweeps; `facts` as in `read_run_facts`.
 
-    Without `oracle_too` the bounds that true IDs set are None: they cost half of the time, and depend on geometry only.
+    Without `with_reference` the bounds that true IDs set are None: they cost half of the time, and depend on the
+    geometry alone.
     """
     views = _measure_held_out_views(scene, clip, ground_truth, progress)
     has_truth = ground_truth.source != NOT_KNOWN
@@ -122,12 +121,12 @@ def evaluate_scene(
     learned, objects = build_empty_scores(), ()
     if scene.instance_ids.any() and has_truth:
         learned = _measure_ids(measure, scene.instance_ids, get_codes(scene), "deletions", progress)
-        objects = measure.objects(scene.instance_ids, get_codes(scene))
-    oracle = build_empty_scores()
-    if oracle_too and ground_truth.source == "exact":
+        objects = measure.list_objects(scene.instance_ids, get_codes(scene))
+    reference = build_empty_scores()
+    if with_reference and ground_truth.source == "exact":
         true_ids = _find_reference_ids(scene, clip, ground_truth, progress)
-        oracle = _measure_ids(measure, true_ids, None, "deletions, true IDs", progress)
-    bounds = {part: {f"oracle_{key}": oracle[part][key] for key in keys} for part, keys in ORACLE_KEYS.items()}
+        reference = _measure_ids(measure, true_ids, None, "deletions, true IDs", progress)
+    bounds = {part: {f"oracle_{key}": reference[part][key] for key in keys} for part, keys in REFERENCE_KEYS.items()}
     figures = {
         **_score_images(views),
         "codeword": _score_codewords(views),
@@ -141,7 +140,7 @@ def evaluate_scene(
     controls = _build_controls(scene, clip, ground_truth) if has_truth else {}
     return Evaluation(
         figures=figures,
-        controls={name: measure.scores(ids) for name, ids in controls.items()},
+        controls={name: measure.compute_scores(ids) for name, ids in controls.items()},
         held_out_steps=tuple(sorted({view.frame.view.index for view in views})),
         privileged=facts["masks"] == ground_truth.source == "annotations",
         scene=scene,
@@ -161,7 +160,7 @@ def _measure_ids(
 ) -> dict[str, Any]:
     """`per_view`, `scene`, `lidar` and `click`."""
     clicked = measure.score_clicks(ids, lambda done, total: progress(stage, done, total))
-    return measure.scores(ids, codes) | {"click": clicked}
+    return measure.compute_scores(ids, codes) | {"click": clicked}
 
 
 def _measure_held_out_views(
@@ -197,9 +196,9 @@ def _score_codewords(views: Sequence[HeldOutView]) -> dict[str, dict[str, float 
 
 def _find_reference_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:
     frames = clip.training_frames
-    spread = frames[:: -(-len(frames) // MAX_ORACLE_VIEWS)] if frames else frames
+    spread = frames[:: -(-len(frames) // MAX_REFERENCE_VIEWS)] if frames else frames
     return find_true_ids(
-        scene, spread, ground_truth, SEED, progress=lambda done, total: progress("oracle", done, total)
+        scene, spread, ground_truth, SEED, progress=lambda done, total: progress("reference", done, total)
     )
 
 

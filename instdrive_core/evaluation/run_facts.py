@@ -1,4 +1,4 @@
-"""What a training run says of itself, in `run.json` beside its scene."""
+"""Facts that a training run keeps of itself in `run.json` beside its scene."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def read_run_facts(run: Path) -> dict[str, Any]:
 
 
 def build_clip_options(facts: dict[str, Any]) -> ClipOptions:
-    """The part of the clip that the run was trained on."""
+    """Build the options that load the part of the clip on which the run was trained."""
     return ClipOptions(
         cameras=facts["cameras"],
         scale=facts["scale"],

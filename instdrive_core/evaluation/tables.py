@@ -14,7 +14,7 @@ from instdrive_core.evaluation.protocol import Evaluation
 from instdrive_core.files.atomic import write_bytes
 
 MAP_COLUMNS = ("view mIoU", "view mAcc", "scene mIoU", "scene mAcc", "PQ", "Acc @.25", "Acc @.5", "ID sw.")
-"""Of `list_map_rows`."""
+"""Columns of `list_map_rows`."""
 POINT_COLUMNS = {
     "AP": "ap",
     "AP50": "ap50",
@@ -25,11 +25,11 @@ POINT_COLUMNS = {
     "inst. to cover": "instances_to_cover",
     "objects per inst.": "objects_per_instance",
 }
-"""Of `list_point_rows`, with the protocol's keys."""
+"""Columns of `list_point_rows`, with the protocol's keys."""
 IMAGES_ONLY = (
     "nothing says which instance is where (no LiDAR with cuboids or semantic classes): only images are measured"
 )
-"""Of a clip without ground truth."""
+"""Note on a clip without ground truth."""
 NOT_APPLICABLE = "–"
 
 
@@ -39,15 +39,15 @@ def write_figures(path: Path, figures: Mapping[str, Any]) -> None:
 
 
 def list_map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
-    """How well each predicted map agrees with the ground truth, by the map's name; columns as `MAP_COLUMNS`.
+    """List by name how well each predicted map agrees with the ground truth; columns as `MAP_COLUMNS`.
 
-    Oracle: true IDs on this geometry. Instance: what a click selects. Codeword: of the rendered feature. The last
+    Reference: true IDs on this geometry. Instance: what a click selects. Codeword: of the rendered feature. The last
     rows are trivial controls.
     """
     figures = evaluation.figures
-    oracle = {"miou": figures["scene"]["oracle_miou"], "pq": figures["scene"]["oracle_pq"]}
+    reference = {"miou": figures["scene"]["oracle_miou"], "pq": figures["scene"]["oracle_pq"]}
     maps = {
-        "oracle": {"per_view": {}, "scene": oracle},
+        "reference": {"per_view": {}, "scene": reference},
         "instance": figures,
         "codeword": figures["codeword"],
         **evaluation.controls,
@@ -61,7 +61,7 @@ def list_map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]
 
 
 def build_map_table(evaluation: Evaluation) -> Table:
-    """The rows of `list_map_rows`, in 80 columns."""
+    """Lay out the rows of `list_map_rows` in 80 columns."""
     title = f"Instance maps, {describe_split(evaluation)}"
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     table.add_column("predicted map", no_wrap=True)
@@ -73,13 +73,13 @@ def build_map_table(evaluation: Evaluation) -> Table:
 
 
 def list_point_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
-    """How well IDs agree with the objects of LiDAR points, rows as in `list_map_rows`; columns as `POINT_COLUMNS`.
+    """List how well IDs agree with the objects of LiDAR points; rows as in `list_map_rows`, columns as `POINT_COLUMNS`.
 
     Empty where nothing could be measured.
     """
     lidar = evaluation.figures["lidar"]
     scores = {
-        "oracle": {key: lidar.get(f"oracle_{key}") for key in POINT_COLUMNS.values()},
+        "reference": {key: lidar.get(f"oracle_{key}") for key in POINT_COLUMNS.values()},
         "instance": lidar,
         **{name: control.get("lidar", {}) for name, control in evaluation.controls.items()},
     }
@@ -88,7 +88,7 @@ def list_point_rows(evaluation: Evaluation) -> dict[str, list[float | int | None
 
 
 def build_point_table(evaluation: Evaluation) -> Table | None:
-    """The rows of `list_point_rows`, in 80 columns; None where there are none."""
+    """Lay out the rows of `list_point_rows` in 80 columns; None where there are none."""
     rows = list_point_rows(evaluation)
     if not rows:
         return None
@@ -102,7 +102,7 @@ def build_point_table(evaluation: Evaluation) -> Table | None:
 
 
 def list_summary_rows(evaluation: Evaluation) -> dict[str, str]:
-    """Images, clicks, size and cost of a run; without ground truth nothing of instances."""
+    """List images, clicks, size and cost of a run; without ground truth nothing of instances."""
     figures = evaluation.figures
     rows = {
         "PSNR (dB)": format_figure(figures["psnr"], 2),
@@ -129,7 +129,7 @@ def _list_instance_rows(figures: Mapping[str, Any]) -> dict[str, str]:
 
 
 def build_summary_table(evaluation: Evaluation) -> Table:
-    """The rows of `list_summary_rows`."""
+    """Lay out the rows of `list_summary_rows`."""
     table = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
     table.add_column()
     table.add_column(justify="right")
@@ -139,7 +139,7 @@ def build_summary_table(evaluation: Evaluation) -> Table:
 
 
 def describe_split(evaluation: Evaluation) -> str:
-    """What was measured on what, in one line."""
+    """Say in one line what was measured on what."""
     figures = evaluation.figures
     steps = ", ".join(map(str, evaluation.held_out_steps))
     masks = f"{figures['masks']} (privileged)" if evaluation.privileged else figures["masks"]
@@ -150,14 +150,14 @@ def describe_split(evaluation: Evaluation) -> str:
 
 
 def format_figure(value: float | int | None, digits: int = 3) -> str:
-    """A figure as people read it; a dash where it does not apply."""
+    """Write a figure as people read it; a dash where it does not apply."""
     if value is None:
         return NOT_APPLICABLE
     return str(value) if isinstance(value, int) else f"{value:.{digits}f}"
 
 
 def _format_with_reference(scores: Mapping[str, float | None], key: str, digits: int = 3) -> str:
-    """A figure, and what true IDs reach on the same Gaussians where that is known."""
-    oracle = scores.get(f"oracle_{key}")
+    """Write a figure, and what true IDs reach on the same Gaussians where that is known."""
+    reference = scores.get(f"oracle_{key}")
     text = format_figure(scores[key], digits)
-    return text if oracle is None else f"{text} (oracle {format_figure(oracle, digits)})"
+    return text if reference is None else f"{text} (reference {format_figure(reference, digits)})"

@@ -1,4 +1,4 @@
-"""What a run's `log.jsonl` tells of its training."""
+"""Steps of training as a run's `log.jsonl` reports them."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class LoggedStep:
     seconds: float
     loss: float
     psnr: float | None
-    """Of the step's training image, dB; None where the stage draws none."""
+    """PSNR of the step's training image, dB; None where the stage draws none."""
     gaussians: int
     terms: dict[str, float]
     """Weighted loss terms by name."""
 
 
 def read_log(run: Path) -> list[LoggedStep]:
-    """The steps that a run reported, in order; none where it kept no log. Lines that tell no step are passed over:
+    """Read the steps that a run reported, in order; none where it kept no log. Lines that tell no step are passed over:
     a kill cuts the last one off, and a report can do without it."""
     path = run / LOG
     if not path.is_file():

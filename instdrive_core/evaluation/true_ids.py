@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from itertools import groupby
 
 import numpy as np
-from jaxtyping import Float32, Int, UInt32
+from jaxtyping import Float32, Integer, UInt32
 from numpy import ndarray
 from scipy.sparse import csr_array, find
 from scipy.spatial import KDTree
@@ -32,7 +32,7 @@ def find_true_ids(
     pixels_per_view: int = PIXELS_PER_VIEW,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> UInt32[ndarray, " n"]:
-    """The true ID of each Gaussian: the one whose labelled pixels it contributes most blending weight to.
+    """Find each Gaussian's true ID: the one whose labelled pixels it contributes most blending weight to.
 
     Weights are summed over `pixels_per_view` seeded random labelled pixels of every frame (ties: the lower ID).
     Unseen Gaussians, with less than `MIN_WEIGHT` in all, take the ID of the nearest seen one of their node; 0 where
@@ -56,8 +56,8 @@ def find_true_ids(
 
 def _collect_votes(
     world: WorldGaussians, frame: Frame, labels: UInt32[ndarray, " p"], count: int, rng: np.random.Generator
-) -> tuple[Int[ndarray, " m"], UInt32[ndarray, " m"], Float32[ndarray, " m"]]:
-    """Gaussians, IDs and blending weights of `count` random labelled pixels."""
+) -> tuple[Integer[ndarray, " m"], UInt32[ndarray, " m"], Float32[ndarray, " m"]]:
+    """Collect Gaussians, IDs and blending weights of `count` random labelled pixels."""
     labelled = np.flatnonzero(labels)
     pixels = np.sort(rng.choice(labelled, min(count, len(labelled)), replace=False))
     found = compute_blend_weights(
@@ -67,7 +67,7 @@ def _collect_votes(
 
 
 def _choose_most_voted(votes: csr_array, count: int) -> UInt32[ndarray, " n"]:
-    """The ID with the largest weight in each of `count` rows; 0 where the row's sum is below `MIN_WEIGHT`."""
+    """Choose the ID with the largest weight in each of `count` rows; 0 where the row's sum is below `MIN_WEIGHT`."""
     rows, columns, weights = find(votes)
     order = np.lexsort((columns, np.negative(weights), rows))
     seen, first = np.unique(rows[order], return_index=True)

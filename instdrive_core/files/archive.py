@@ -23,25 +23,25 @@ _MAX_RATIO = 200
 
 
 class Archive:
-    """Members by name. Every method raises DataError where the file is damaged."""
+    """An open archive, read by the names of its members. Every method raises DataError where the file is damaged."""
 
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         self.path, self._archive = path, archive
-        self._members = {info.filename: info for info in self._checked(archive.infolist())}
+        self._members = {info.filename: info for info in self._check_members(archive.infolist())}
 
     @property
     def names(self) -> frozenset[str]:
-        """Of all members."""
+        """Names of all members."""
         return frozenset(self._members)
 
     def read(self, name: str, limit: int) -> bytes:
-        """A whole member of at most `limit` bytes; its checksum is compared."""
-        info = self._member(name)
+        """Read a whole member of at most `limit` bytes and compare its checksum."""
+        info = self._find_member(name)
         if info.file_size > limit:
             raise DataError(
                 self.path, f"{name!r} holds {info.file_size} bytes, at most {limit} are expected", ARCHIVE_REMEDY
             )
-        with self._damage(name), self._archive.open(info) as member:
+        with self._report_damage(name), self._archive.open(info) as member:
             data = member.read(limit + 1)
             if len(data) != info.file_size:
                 raise ValueError(f"it has {len(data)} bytes, not {info.file_size}")
@@ -49,20 +49,20 @@ class Archive:
 
     @contextmanager
     def open_member(self, name: str) -> Iterator[IO[bytes]]:
-        """A member to be read to its end, which compares its checksum; one that unfolds absurdly far is refused."""
-        info = self._member(name)
+        """Open a member, to be read to its end, where its checksum is compared. Refuses one that unfolds too far."""
+        info = self._find_member(name)
         if info.file_size > _SMALL + _MAX_RATIO * info.compress_size:
             problem = f"{name!r} would unfold from {info.compress_size} to {info.file_size} bytes"
             raise UntrustedDataError(self.path, problem, "Do not use this file unless you know who made it")
-        with self._damage(name), self._archive.open(info) as member:
+        with self._report_damage(name), self._archive.open(info) as member:
             yield member
 
-    def _member(self, name: str) -> zipfile.ZipInfo:
+    def _find_member(self, name: str) -> zipfile.ZipInfo:
         if name not in self._members:
             raise DataError(self.path, f"the project holds no {name!r}", ARCHIVE_REMEDY)
         return self._members[name]
 
-    def _checked(self, members: list[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
+    def _check_members(self, members: list[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
         if len(members) > MAX_MEMBERS:
             raise DataError(
                 self.path, f"the archive has {len(members)} members, more than {MAX_MEMBERS}", ARCHIVE_REMEDY
@@ -77,7 +77,7 @@ class Archive:
         return members
 
     @contextmanager
-    def _damage(self, name: str) -> Iterator[None]:
+    def _report_damage(self, name: str) -> Iterator[None]:
         try:
             yield
         except _BAD_ZIP as error:
@@ -86,7 +86,7 @@ class Archive:
 
 @contextmanager
 def open_project_archive(path: Path) -> Iterator[Archive]:
-    """The members of a project file. Raises DataError where it is no whole zip archive."""
+    """Open a project file. Raises DataError where it is no whole zip archive."""
     try:
         archive = zipfile.ZipFile(require_plain_file(path))
     except OSError as error:

@@ -21,7 +21,7 @@ _check: ContextVar[Check | None] = ContextVar("check before replacing", default=
 
 @contextmanager
 def check_before_replacing(check: Check) -> Iterator[None]:
-    """Have `check` look at every file that is written in the block before it takes the place of an old one."""
+    """Run `check` on every file written inside the block, before it takes the place of an old one."""
     outer = _check.set(check)
     try:
         yield
@@ -31,7 +31,7 @@ def check_before_replacing(check: Check) -> Iterator[None]:
 
 @contextmanager
 def replace_atomically(path: str | Path, temporary_for: str | None = None) -> Iterator[Path]:
-    """A file name beside `path` to write to; the file takes the place of `path` when the block ends without an error.
+    """Give a file name beside `path` to write to; that file replaces `path` when the block ends without an error.
 
     At any moment, also after a power cut, `path` is the old file or the new one, whole. Missing folders are made. What
     an earlier writer of the same name left behind when it was killed is removed. A link stays: what it leads to is
@@ -67,7 +67,7 @@ def replace_atomically(path: str | Path, temporary_for: str | None = None) -> It
 
 @contextmanager
 def open_atomically(path: str | Path) -> Iterator[BinaryIO]:
-    """As `replace_atomically`, with the file opened to be written in binary."""
+    """Open a binary file to be written that replaces `path` when the block ends without an error."""
     with replace_atomically(path) as temporary, temporary.open("wb") as file:
         yield file
 

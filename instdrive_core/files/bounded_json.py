@@ -12,27 +12,27 @@ MAX_DEPTH = 32
 
 
 def parse_bounded_json(text: bytes) -> Any:
-    """The value, of which every number is finite. Raises ValueError where it is none, or nested too deep."""
+    """Parse JSON of finite numbers. Raises ValueError for anything else, and for values nested too deep."""
     try:
-        value = parse_json(text, parse_constant=_refuse, parse_float=_finite)
+        value = parse_json(text, parse_constant=_refuse, parse_float=_parse_finite)
     except RecursionError as error:
         raise ValueError(f"it is nested more than {MAX_DEPTH} deep") from error
     level, depth = [value], 1
-    while level := [part for value in level for part in _parts(value)]:
+    while level := [part for value in level for part in _list_parts(value)]:
         depth += 1
         if depth > MAX_DEPTH:
             raise ValueError(f"it is nested more than {MAX_DEPTH} deep")
     return value
 
 
-def _parts(value: Any) -> list[Any]:
-    """What is inside of an object or list and has an inside, too."""
+def _list_parts(value: Any) -> list[Any]:
+    """List the objects and lists directly inside an object or list."""
     parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return [part for part in parts if isinstance(part, dict | list)]
 
 
-def _finite(number: str) -> float:
-    """Digits that are too many make an infinity, too."""
+def _parse_finite(number: str) -> float:
+    """Refuse numbers of so many digits that they become infinite."""
     value = float(number)
     return value if math.isfinite(value) else _refuse(number)
 

@@ -1,4 +1,4 @@
-"""Whether a running process holds a file: a lock that the system lets go of when its holder dies, however it dies.
+"""File locks that tell whether a running process holds a file: the system drops them however their holder dies.
 
 A process number in a file would do for most cases, but numbers are given out again, and differ between containers that
 share a folder.
@@ -46,7 +46,7 @@ class FileLock:
 
     @classmethod
     def acquire(cls, path: Path) -> FileLock | None:
-        """The lock of a file, made where missing; None where another process, or another lock of this one, holds it.
+        """Lock a file, made where missing; None where another process, or another lock of this one, holds it.
 
         A file system without locks counts as free. Raises OSError where the file cannot be opened.
         """
@@ -57,7 +57,7 @@ class FileLock:
         return cls(descriptor)
 
     def release(self) -> None:
-        """Let go; the file stays. Done twice, it changes nothing."""
+        """Release the lock; the file stays. A second call changes nothing."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None

@@ -1,4 +1,4 @@
-"""How large pictures may be: what a header promises is compared with it before any pixel is decoded."""
+"""The largest picture that is read: headers are compared with it before any pixel is decoded."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ BAD_IMAGE = (
     *(OSError, UnidentifiedImageError, SyntaxError, ValueError),
     *(Image.DecompressionBombError, Image.DecompressionBombWarning),
 )
-"""What Pillow raises for files that are no picture, half of one, or far larger than any."""
+"""Errors that Pillow raises for files that are no picture, half of one, or far larger than any."""
 
 # Where nobody asks, Pillow itself warns beyond this, and refuses twice as much.
 Image.MAX_IMAGE_PIXELS = MAX_PIXELS
 
 
 def check_pixels(file: Path, size: tuple[int, int]) -> None:
-    """Raises DataError where a picture of this width and height is larger than any that is read."""
+    """Check a picture's width and height. Raises DataError where it is larger than any that is read."""
     width, height = size
     if width * height > MAX_PIXELS:
         problem = f"is {width}×{height}, {width * height:,} pixels; at most {MAX_PIXELS:,} are read"

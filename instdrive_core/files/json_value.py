@@ -1,4 +1,4 @@
-"""JSON whose text is text: half characters (``"\\ud800"``) can be neither printed, shown, nor written to a file."""
+"""JSON whose texts are text: half characters (``"\\ud800"``) can be neither printed, shown, nor written to a file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _MAYBE_HALF = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 
 
 def parse_json(text: bytes | str, **options: Any) -> Any:
-    """As `json.loads`. Raises ValueError also where a text in it holds half a character.
+    """Parse JSON with `json.loads`. Raises ValueError also where a text in it holds half a character.
 
     Bytes of file names that are no text (PEP 383) may stand in it; `require_whole_text` refuses them, too.
     """
@@ -28,7 +28,7 @@ def parse_json(text: bytes | str, **options: Any) -> Any:
 
 
 def require_whole_text(value: object) -> str:
-    """As `str`, for what is shown to the user. Raises ValueError where it holds half a character."""
+    """Return ``str(value)``, to be shown to the user. Raises ValueError where it holds half a character."""
     text = str(value)
     try:
         text.encode()

@@ -28,7 +28,7 @@ _MAX_HEADER = 1 << 16
 
 
 def read_array_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """Shape, whether columns come first, and type of an array. Raises one of `BAD_ARRAY` for a damaged one."""
+    """Read an array's shape, whether columns come first, and its type. Raises one of `BAD_ARRAY` for a damaged one."""
     version = npy.read_magic(stream)
     if version == (1, 0):
         return npy.read_array_header_1_0(stream)
@@ -38,7 +38,7 @@ def read_array_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtyp
 
 
 def read_number_array(file: Path, most: int) -> ndarray:
-    """The array of a .npy file of numbers, of at most `most` values. Raises one of `BAD_ARRAY` where it is damaged."""
+    """Read a .npy file of at most `most` numbers. Raises one of `BAD_ARRAY` where it is damaged."""
     limit = _MAX_HEADER + most * np.dtype(np.float64).itemsize
     with require_plain_file(file).open("rb") as stream:
         content = stream.read(limit + 1)

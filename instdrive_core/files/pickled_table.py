@@ -1,4 +1,4 @@
-"""What a pickled DataFrame asks for, as inert records, and the columns that the records amount to.
+"""Inert records of what a pickled DataFrame asks for, and the columns that they amount to.
 
 The layouts are those of pandas' ``DataFrame.__setstate__``, ``BlockManager.__reduce__`` (1.3 and later) and
 ``BlockManager.__setstate__`` (before), and numpy's ``ndarray.__setstate__`` and ``dtype.__setstate__``.
@@ -85,17 +85,17 @@ class DataFrame(Recorded):
 
 
 def extract_columns(frame: Any) -> dict[str, ndarray]:
-    """Columns (n,) by name of a recorded DataFrame. Raises ValueError and its like where the record is malformed."""
+    """Extract the columns (n,) of a recorded DataFrame by name. Raises ValueError and its like for a bad record."""
     if not isinstance(frame, DataFrame):
         raise ValueError(f"expected a DataFrame, found {type(frame).__name__}")
     state = _expect(frame.state, dict)
     manager = _expect(state.get("_mgr", state.get("_data")), BlockManager)
-    axes, blocks = _axes_and_blocks(manager)
-    names = [_expect(name, str) for name in _index_values(axes[0])]
+    axes, blocks = _read_axes_and_blocks(manager)
+    names = [_expect(name, str) for name in _read_index(axes[0])]
     columns: dict[int, ndarray] = {}
     for values, placement in blocks:
         rows = values[None] if values.ndim == 1 else values
-        positions = _positions(placement, len(names))
+        positions = _read_positions(placement, len(names))
         if rows.ndim != 2 or len(rows) != len(positions):
             raise ValueError(f"a block of shape {values.shape} stands for {len(positions)} columns")
         columns.update(zip(positions, rows, strict=True))
@@ -106,7 +106,7 @@ def extract_columns(frame: Any) -> dict[str, ndarray]:
     return {name: np.ascontiguousarray(columns[position]) for position, name in enumerate(names)}
 
 
-def _axes_and_blocks(manager: BlockManager) -> tuple[list[Any], Iterator[tuple[ndarray, Any]]]:
+def _read_axes_and_blocks(manager: BlockManager) -> tuple[list[Any], Iterator[tuple[ndarray, Any]]]:
     if manager.args:
         blocks, axes = manager.args[:2]
         pairs = (_expect(block, Block).args[:2] for block in blocks)
@@ -114,59 +114,59 @@ def _axes_and_blocks(manager: BlockManager) -> tuple[list[Any], Iterator[tuple[n
         modern = _expect(_expect(manager.state, tuple)[3], dict)["0.14.1"]
         axes = modern["axes"]
         pairs = ((block["values"], block["mgr_locs"]) for block in modern["blocks"])
-    return axes, ((_array(values), placement) for values, placement in pairs)
+    return axes, ((_read_array(values), placement) for values, placement in pairs)
 
 
-def _index_values(index: Any) -> list[Any]:
-    return _array(_expect(index, Index).args[1]["data"]).tolist()
+def _read_index(index: Any) -> list[Any]:
+    return _read_array(_expect(index, Index).args[1]["data"]).tolist()
 
 
-def _positions(placement: Any, count: int) -> list[int]:
+def _read_positions(placement: Any, count: int) -> list[int]:
     if isinstance(placement, Slice):
         return list(range(count)[slice(*placement.args)])
-    return _array(placement).tolist()
+    return _read_array(placement).tolist()
 
 
-def _array(recorded: Any) -> ndarray:
+def _read_array(recorded: Any) -> ndarray:
     """The numpy array that a record stands for; a writable copy."""
     if isinstance(recorded, ExtensionArray):
-        return _array(recorded.state[1])
+        return _read_array(recorded.state[1])
     if isinstance(recorded, ArrayFromBytes):
         content, dtype, shape, order = recorded.args
-        return _numeric(content, dtype, shape, order)
+        return _read_numeric(content, dtype, shape, order)
     if not isinstance(recorded, ArrayShell):
         raise ValueError(f"expected an array, found {type(recorded).__name__}")
     _, shape, dtype, is_fortran, content = recorded.state
     order = "F" if is_fortran else "C"
     if isinstance(content, list):
-        return _objects(content, shape, order)
-    return _numeric(content, dtype, shape, order)
+        return _read_objects(content, shape, order)
+    return _read_numeric(content, dtype, shape, order)
 
 
-def _numeric(content: Any, dtype: Any, shape: Any, order: str) -> ndarray:
-    flat = np.frombuffer(_bytes(content), _numeric_dtype(dtype))
+def _read_numeric(content: Any, dtype: Any, shape: Any, order: str) -> ndarray:
+    flat = np.frombuffer(_read_bytes(content), _read_numeric_dtype(dtype))
     native = flat.astype(flat.dtype.newbyteorder("="))
-    return native.reshape(_shape(shape, len(native)), order=_expect_order(order))
+    return native.reshape(_read_shape(shape, len(native)), order=_expect_order(order))
 
 
-def _objects(content: list[Any], shape: Any, order: str) -> ndarray:
+def _read_objects(content: list[Any], shape: Any, order: str) -> ndarray:
     flat = np.empty(len(content), object)
     for position, item in enumerate(content):
-        flat[position] = _plain(item)
-    return flat.reshape(_shape(shape, len(flat)), order=_expect_order(order))
+        flat[position] = _read_entry(item)
+    return flat.reshape(_read_shape(shape, len(flat)), order=_expect_order(order))
 
 
-def _plain(item: Any) -> Any:
+def _read_entry(item: Any) -> Any:
     """An entry of an object column: None, bool, int, float or str."""
     if isinstance(item, Scalar):
         dtype, content = item.args
-        return np.frombuffer(_bytes(content), _numeric_dtype(dtype)).item()
+        return np.frombuffer(_read_bytes(content), _read_numeric_dtype(dtype)).item()
     if item is None or isinstance(item, bool | int | float | str):
         return item
     raise ValueError(f"an entry is a {type(item).__name__}, expected text or a number")
 
 
-def _bytes(content: Any) -> bytes:
+def _read_bytes(content: Any) -> bytes:
     if isinstance(content, EncodedText):
         text, encoding = content.args
         if encoding not in ("latin1", "latin-1"):
@@ -175,7 +175,7 @@ def _bytes(content: Any) -> bytes:
     return bytes(_expect(content, bytes | bytearray))
 
 
-def _numeric_dtype(recorded: Any) -> np.dtype:
+def _read_numeric_dtype(recorded: Any) -> np.dtype:
     """bool, int, uint or float of any byte order. Others, above all structured ones, are refused: numpy would trust
     the layout that the file claims."""
     code = _expect(_expect(recorded, DataType).args[0], str)
@@ -187,7 +187,7 @@ def _numeric_dtype(recorded: Any) -> np.dtype:
     return np.dtype(byte_order + code)
 
 
-def _shape(shape: Any, count: int) -> tuple[int, ...]:
+def _read_shape(shape: Any, count: int) -> tuple[int, ...]:
     sizes = tuple(_expect(size, int) for size in _expect(shape, tuple))
     if any(size < 0 for size in sizes) or math.prod(sizes) != count:
         raise ValueError(f"an array of shape {sizes} comes with {count} values")

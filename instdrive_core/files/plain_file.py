@@ -1,4 +1,4 @@
-"""Files that end: what a path leads to before it is opened, and no memory for more than it holds."""
+"""Opening only files that end, and taking no more memory than they hold."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 
 
 def require_plain_file(path: Path) -> Path:
-    """The same path, to be opened where no pipe, socket or device is: those may keep a reader waiting or never end.
+    """Return the path, unless it is a pipe, socket or device: those may keep a reader waiting, or never end.
 
-    What is missing, or a folder, is left for opening to say. Raises OSError.
+    Raises OSError for these. A missing file or a folder passes: opening it says what is wrong.
     """
     try:
         mode = path.stat().st_mode
@@ -24,13 +24,13 @@ def require_plain_file(path: Path) -> Path:
 
 
 class BoundedReader(io.BufferedReader):
-    """A file for libraries that read as much as the file promises: Python takes that memory before it looks."""
+    """A file for libraries that read as much as its content promises; Python would take that memory first."""
 
     def __init__(self, path: Path) -> None:
-        """Raises OSError where the file cannot be opened, or is a pipe or device."""
+        """Open a file. Raises OSError where it cannot be opened, or is a pipe or device."""
         super().__init__(io.FileIO(require_plain_file(path)))
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """At most what is left of the file."""
+        """Read `size` bytes, or what is left of the file where that is less."""
         left = max(os.fstat(self.fileno()).st_size - self.tell(), 0)
         return super().read(left if size is None or size < 0 else min(size, left))

@@ -35,11 +35,11 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """What a reader needs to know before it touches the body."""
+    """The vertices that a file promises, and where they begin."""
 
     is_ascii: bool
     noun: str
-    """What the vertices are, for messages: ``splats`` or ``points``."""
+    """Name of the vertices in messages: ``splats`` or ``points``."""
     count: int
     """Rows of the vertex element."""
     dtype: np.dtype
@@ -98,7 +98,7 @@ class PlyLayout:
 
 def read_ply_layout(file: BinaryIO, path: Path) -> PlyLayout:
     """Parse the header of any .ply. Raises DataError where it is none, or a line is not understood."""
-    lines, end = _header_lines(file, path)
+    lines, end = _read_header_lines(file, path)
     order, elements, comments = _parse_lines(lines, path)
     return PlyLayout(order, tuple(elements), tuple(comments), end)
 
@@ -138,7 +138,7 @@ def read_ply_header(file: BinaryIO, path: Path, file_size: int, noun: str = "spl
     return header
 
 
-def _header_lines(file: BinaryIO, path: Path) -> tuple[list[str], int]:
+def _read_header_lines(file: BinaryIO, path: Path) -> tuple[list[str], int]:
     if file.read(3) != b"ply":
         raise DataError(path, "the file does not begin with 'ply'", "Check that it is a .ply file")
     file.seek(0)

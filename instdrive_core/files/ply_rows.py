@@ -22,7 +22,7 @@ PIECE = 1 << 16
 
 
 def read_ply_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
-    """The vertices as structured arrays of up to `CHUNK_ROWS` rows. Raises DataError where the file ends too early."""
+    """Read the vertices as structured arrays of up to `CHUNK_ROWS` rows. Raises DataError for a short file."""
     if header.is_ascii:
         yield from _read_ascii_chunks(file, header, path)
         return
@@ -65,7 +65,7 @@ def _read_ascii_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterato
 
 
 def _skip_lines(file: BinaryIO, count: int) -> None:
-    """Pass over lines of any length, blank ones not counted, as far as there are any."""
+    """Skip lines of any length, blank ones not counted, as far as there are any."""
     while count and (piece := file.readline(PIECE)):
         is_blank = not piece.strip()
         while piece and not piece.endswith(b"\n"):
@@ -75,7 +75,7 @@ def _skip_lines(file: BinaryIO, count: int) -> None:
 
 
 def _read_lines(file: BinaryIO, longest: int, path: Path) -> Iterator[bytes]:
-    """Lines that are not blank. Raises DataError for one too long for its values, before memory is taken for it."""
+    """Read lines that are not blank. Raises DataError for a line too long for its values, before it takes memory."""
     while line := file.readline(longest):
         if len(line) == longest and not line.endswith(b"\n"):
             problem = f"a line is longer than {longest:,} bytes, too many for the values that the header promises"
@@ -85,7 +85,7 @@ def _read_lines(file: BinaryIO, longest: int, path: Path) -> Iterator[bytes]:
 
 
 def _check_integers(values: ndarray, name: str, dtype: np.dtype, path: Path) -> None:
-    """Text may promise whole numbers and hold others, which casting would make any number of."""
+    """Check for whole numbers: text may promise them and hold others, and a cast would give any number."""
     limits = np.iinfo(dtype)
     wrong = np.flatnonzero(~((values >= limits.min) & (values <= limits.max) & (values == np.floor(values))))
     if len(wrong):

@@ -77,7 +77,7 @@ ALLOWED: dict[tuple[str, str], type[Recorded]] = {
 
 
 def read_pickle(path: str | Path) -> dict[str, ndarray]:
-    """The columns of a pickled pandas DataFrame (``.pkl`` or ``.pkl.gz``) by name; row labels are left out.
+    """Read the columns of a pickled pandas DataFrame (``.pkl`` or ``.pkl.gz``) by name; row labels are left out.
 
     Columns are (n,) arrays of bool, int, float, or object (str, numbers, None).
 
@@ -85,7 +85,7 @@ def read_pickle(path: str | Path) -> dict[str, ndarray]:
     damaged, larger than `MAX_DECOMPRESSED_BYTES`, or holds something else than such a table.
     """
     path = Path(path)
-    content = _content(path)
+    content = _read_content(path)
     try:
         return extract_columns(_RecordingUnpickler(path, content).load())
     except UntrustedDataError:
@@ -94,8 +94,8 @@ def read_pickle(path: str | Path) -> dict[str, ndarray]:
         raise DataError(path, f"holds no readable table ({type(error).__name__}: {error})", _REMEDY) from error
 
 
-def _content(path: Path) -> bytes:
-    """The unpacked bytes of the file, which may be gzipped."""
+def _read_content(path: Path) -> bytes:
+    """Read the unpacked bytes of a file, which may be gzipped."""
     try:
         require_plain_file(path)
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
@@ -111,14 +111,14 @@ def _content(path: Path) -> bytes:
 
 
 def _check_keys(keys: list[Any]) -> None:
-    """Tuples in tuples are hashed in C, without a limit of depth (the process dies) or of time."""
+    """Refuse compound keys: C code hashes tuples in tuples without a limit of depth (the process dies) or time."""
     for key in keys:
         if key is not None and type(key) not in (str, bytes, int, float, bool):
             raise pickle.UnpicklingError(f"a {type(key).__name__} stands as a key")
 
 
 _PLAIN: dict[int, Callable[[Any], None]] = dict(pickle._Unpickler.dispatch)  # pyright: ignore[reportPrivateUsage]
-"""What opcodes do in any pickle."""
+"""Actions of the opcodes in any pickle."""
 
 
 class _RecordingUnpickler(pickle._Unpickler):  # pyright: ignore[reportPrivateUsage]
@@ -137,7 +137,7 @@ class _RecordingUnpickler(pickle._Unpickler):  # pyright: ignore[reportPrivateUs
         self._path, self._size = path, len(content)
 
     def load_bytearray8(self) -> None:
-        """As the base class, which allocates whatever length the file claims."""
+        """Load bytes, after the length that the file claims is checked: the base class allocates it blindly."""
         (length,) = struct.unpack("<Q", self.read(8))
         if length > self._size:
             raise pickle.UnpicklingError(f"{length} bytes are announced in a file of {self._size}")
@@ -146,28 +146,28 @@ class _RecordingUnpickler(pickle._Unpickler):  # pyright: ignore[reportPrivateUs
     dispatch[pickle.BYTEARRAY8[0]] = load_bytearray8
 
     def load_setitem(self) -> None:
-        """As the base class, but for keys: see `_check_keys`."""
+        """Set an item after its keys are checked (`_check_keys`)."""
         _check_keys(self.stack[-2:-1])
         _PLAIN[pickle.SETITEM[0]](self)
 
     dispatch[pickle.SETITEM[0]] = load_setitem
 
     def load_setitems(self) -> None:
-        """As the base class, but for keys: see `_check_keys`."""
+        """Set items after their keys are checked (`_check_keys`)."""
         _check_keys(self.stack[::2])
         _PLAIN[pickle.SETITEMS[0]](self)
 
     dispatch[pickle.SETITEMS[0]] = load_setitems
 
     def load_dict(self) -> None:
-        """As the base class, but for keys: see `_check_keys`."""
+        """Build a dict after its keys are checked (`_check_keys`)."""
         _check_keys(self.stack[::2])
         _PLAIN[pickle.DICT[0]](self)
 
     dispatch[pickle.DICT[0]] = load_dict
 
     def load_set(self) -> None:
-        """No table holds a set, of which every element would be hashed."""
+        """Refuse sets: no table holds one, and every element would be hashed."""
         raise pickle.UnpicklingError("a set stands where no table has one")
 
     dispatch[pickle.EMPTY_SET[0]] = dispatch[pickle.FROZENSET[0]] = dispatch[pickle.ADDITEMS[0]] = load_set

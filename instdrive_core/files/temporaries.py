@@ -1,4 +1,4 @@
-"""Temporary files that a killed writer cannot leave behind for good.
+"""Temporary files that no killed writer leaves behind for good.
 
 The temporary file of ``a.ply`` is ``.a.ply.0.tmp``, or has the next number where another writer is at work. A writer
 holds its file open and, where the system has such locks, locked; so the next writer of the same name can tell an
@@ -23,7 +23,7 @@ _POSIX = os.name == "posix"
 
 @dataclass
 class Temporary:
-    """A file in use by this writer."""
+    """A temporary file that this writer uses."""
 
     path: Path
     _descriptor: int
@@ -32,19 +32,19 @@ class Temporary:
     def replace(self, target: Path) -> None:
         """Give the file its final name."""
         if not _POSIX:
-            self._let_go()  # Windows renames no open file
+            self._close_descriptor()  # Windows renames no open file
         self.path.replace(target)
         self._is_replaced = True
 
     def close(self) -> None:
-        """Remove the file unless it has its final name: its old one may be another writer's by then."""
+        """Remove the file, unless it has its final name: the old one may be another writer's by then."""
         if not _POSIX:
-            self._let_go()
+            self._close_descriptor()
         if not self._is_replaced:
             self.path.unlink(missing_ok=True)  # while it is locked, so that the name is still ours
-        self._let_go()
+        self._close_descriptor()
 
-    def _let_go(self) -> None:
+    def _close_descriptor(self) -> None:
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
@@ -52,7 +52,7 @@ class Temporary:
 
 @contextmanager
 def create_temporary(path: Path) -> Iterator[Temporary]:
-    """An empty file beside `path`, gone at the end unless it was given another name. Raises OSError."""
+    """Create an empty file beside `path`, which is removed at the end unless it was renamed. Raises OSError."""
     temporary = _claim(path)
     try:
         yield temporary
@@ -83,7 +83,7 @@ def _name_with_number(path: Path, number: int) -> Path:
 
 
 def _remove_abandoned(path: Path, first: int) -> None:
-    """Several writers of one name may have been killed at once."""
+    """Remove abandoned files with higher numbers: several writers of one name may have been killed at once."""
     for number in itertools.count(first):
         temporary = _name_with_number(path, number)
         if not temporary.exists() or not _is_free(temporary):

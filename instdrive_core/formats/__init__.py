@@ -1,1 +1,1 @@
-"""Scene files: one file per format, registered once in registry.py."""
+"""Scene files: a module or room per format with its record, listed once in registry.py."""

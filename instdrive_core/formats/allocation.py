@@ -1,4 +1,4 @@
-"""The one place where readers take memory for splats, once what they need was compared with what there is."""
+"""Memory for the splats of a scene that is opened: compared with what is free before any is taken."""
 
 from __future__ import annotations
 
@@ -16,32 +16,33 @@ from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.row_buffers import allocate_with_spare
 
 MEMORY_TO_READ = 1.1
-"""Memory to open a scene and look at it, as a multiple of its arrays, beside `BESIDE_BYTES`."""
+"""Memory to open and look at a scene, as a multiple of its arrays, without `BESIDE_BYTES`."""
 MEMORY_TO_EDIT = 4.0
-"""The same to edit and export it; measured: 3.96 for recolouring all of a scene of a million splats, moving some, and
-exporting it."""
+"""Memory to edit and export a scene, as a multiple of its arrays. Measured: 3.96 for recolouring all of a scene of a
+million splats, moving some, and exporting it."""
 BESIDE_BYTES = 75
-"""Per splat, for what is made of it while a scene is looked at. Measured with a million splats, opening and linting
+"""Bytes per splat for what is computed while a scene is looked at. Measured with a million splats, opening and linting
 take 333 bytes each of SH degree 3 (arrays: 246) and 142 without SH (66)."""
 _FLOATS, _ID_BYTES = 14, 10
-"""Of a splat without SH: means, quaternion, scales, opacity, colour; instance ID, codeword, node."""
+"""Floats of a splat without SH (mean, quaternion, scales, opacity, colour), and bytes of its instance ID, codeword and
+node."""
 
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How much of a scene is read."""
+    """Which splats of a scene are read, and how much memory must be free for them."""
 
     keep_every: int = 1
-    """k: rows 0, k, 2k … are read, and memory is taken for these."""
+    """Read every k-th row (0, k, 2k …), and take memory for these only."""
     memory_factor: float = MEMORY_TO_READ
-    """Memory that there must be, as a multiple of the arrays."""
+    """Memory that must be free, as a multiple of the arrays."""
 
     def count_kept(self, count: int) -> int:
-        """How many of `count` rows are read."""
+        """Count the rows that are read of `count`."""
         return -(-count // self.keep_every)
 
     def locate_rows(self, start: int, stop: int) -> tuple[slice, slice]:
-        """Of rows from `start` to `stop` in the file: which of these are kept, and where they belong."""
+        """Find which of the file's rows from `start` to `stop` are kept, and which rows of the scene they become."""
         first = -start % self.keep_every
         return slice(first, None, self.keep_every), slice(self.count_kept(start), self.count_kept(stop))
 
@@ -59,7 +60,7 @@ def allocate_gaussians(
     extra: int = 0,
     passing: int = 0,
 ) -> Gaussians:
-    """Gaussians to be filled, one for each row that is kept; edits can append to them without copying them.
+    """Allocate Gaussians to be filled, one for each row that is kept; edits can append to them without a copy.
 
     Args:
         path: the file, for messages.
@@ -78,12 +79,12 @@ def allocate_gaussians(
 
 
 def count_row_bytes(rest: int, features: int) -> int:
-    """What a splat takes in an opened scene."""
+    """Count the bytes that a splat takes in an opened scene, given its SH coefficients and feature dimension."""
     return 4 * (_FLOATS + 3 * rest + features) + _ID_BYTES
 
 
 def check_memory(path: str | Path, count: int, size: int, options: ReadOptions = WHOLE, passing: float = 0.0) -> None:
-    """Raises SceneTooLargeError where rows do not fit into memory.
+    """Check that rows fit into memory. Raises SceneTooLargeError where they do not.
 
     Args:
         path: the file, for messages.

@@ -1,4 +1,4 @@
-"""What every file of one moment checks before it is written: no moving actors, and only numbers that it can hold."""
+"""Checks before a file of one moment is written: no moving actors, and only numbers that the format can hold."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from instdrive_core.scene.scene import Scene
 
 
 def check_static(path: str | Path, scene: Scene, suffix: str) -> None:
-    """Raises DataError where the scene has moving actors: place them first (`edits.bake.frozen_at`)."""
+    """Check that nothing moves in a scene. Raises DataError: `edits.queries.bake.freeze_at_time` places actors."""
     if scene.actors:
         problem = f"a {suffix} holds one moment, the scene has {len(scene.actors)} actors that move"
         raise DataError(path, problem, "Say the time to export (--time), or save to a folder, which keeps the tracks")
 
 
 def check_numbers(path: str | Path, name: str, values: ndarray, rows: ndarray, allow_infinite: bool = False) -> None:
-    """Quantised values cannot be NaN, and infinite ones only where a limit stands for them. Raises DataError.
+    """Check numbers before they are quantised: none may be NaN, or infinite where no limit stands for it.
 
     Args:
         path: the file to be written.
@@ -27,6 +27,8 @@ def check_numbers(path: str | Path, name: str, values: ndarray, rows: ndarray, a
         values: (m, …) floats of `rows`.
         rows: (m,) splat numbers, for the message.
         allow_infinite: whether only NaN is wrong.
+
+    Raises DataError for the first wrong number.
     """
     wrong = np.isnan(values) if allow_infinite else ~np.isfinite(values)
     if not wrong.any():

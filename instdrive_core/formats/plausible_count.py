@@ -1,4 +1,4 @@
-"""How many splats a compressed file can be believed to hold, before memory is taken for them."""
+"""The most splats that a compressed file can be believed to hold, checked before memory is taken for them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BYTES_PER_SPLAT = 4
 
 
 def check_plausible_count(path: str | Path, count: int, size: int) -> None:
-    """Raises DataError where `size` compressed bytes cannot be `count` splats of a scene."""
+    """Check that `size` compressed bytes can be `count` splats of a scene. Raises DataError where they cannot."""
     most = SMALL_COUNT + size // BYTES_PER_SPLAT
     if count > most:
         problem = f"{count} splats in {size} bytes is more than a scene of that size can hold ({most})"

@@ -1,4 +1,4 @@
-"""Saving a scene so that nothing takes an old file's place before it was read again and compared."""
+"""Saving a scene so that nothing replaces an old file before it was read again and compared."""
 
 from __future__ import annotations
 

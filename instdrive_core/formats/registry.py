@@ -27,7 +27,7 @@ FORMATS: tuple[Format, ...] = (
     SCENE_FOLDER,
     SOG_FOLDER,
 )
-"""In the order that dialogs list them in; a folder is of the first format that recognises it."""
+"""Every format, in the order of dialogs. A folder has the first format that recognises it."""
 
 
 def open_scene(path: str | Path, keep_every: int = 1, memory_factor: float = MEMORY_TO_READ) -> Scene:

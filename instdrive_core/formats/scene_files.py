@@ -1,4 +1,4 @@
-"""Which files a scene consists of, and what tells them from others."""
+"""The files of a scene, and a digest that tells them from others."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from instdrive_core.formats.registry import find_format
 
 @dataclass(frozen=True)
 class FileIdentity:
-    """What a file, or the files of a folder, hold."""
+    """Digest and size of a scene's files."""
 
     sha256: str
-    """Hexadecimal; of a folder, the digest of one line ``SHA-256 name`` per file, as `sha256sum` prints them."""
+    """Hexadecimal. For a folder, the digest of one line ``SHA-256 name`` per file, as `sha256sum` prints them."""
     size: int
     """Bytes of all files."""
 
 
 def list_scene_files(path: Path) -> tuple[Path, ...]:
-    """The files that are read when this scene is opened; of a folder of levels of detail, all levels.
+    """List the files that are read when a scene is opened; for a folder of levels of detail, those of all levels.
 
-    None of a folder that is no scene; whether a file is one is not looked at. Raises DataError where there is nothing.
+    The list is empty for a folder that is no scene. Whether a file is a scene is not checked. Raises DataError where
+    the path does not exist.
     """
     if not path.exists():
         raise DataError(path, "there is no such file or folder", "Check the path")
@@ -35,7 +36,7 @@ def list_scene_files(path: Path) -> tuple[Path, ...]:
 
 
 def sum_file_sizes(files: tuple[Path, ...]) -> int:
-    """Bytes of all files. Raises OSError."""
+    """Sum the sizes of files in bytes. Raises OSError."""
     return sum(file.stat().st_size for file in files)
 
 

@@ -1,4 +1,4 @@
-"""The record that says all of a scene format in one place: how it is read, written, recognised and checked."""
+"""The record that describes a scene format in one place: how it is read, written, recognised and checked."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def allow_no_error(means: Float[ndarray, "n 3"]) -> float:
 
 @dataclass(frozen=True)
 class Fidelity:
-    """What reading a file again may change of what was written, as docs/formats.md states it."""
+    """What a format may change between writing a scene and reading it again, as docs/formats.md states it."""
 
     position_error: Callable[[Float[ndarray, "n 3"]], Float[ndarray, "..."] | float] = allow_no_error
     """The largest difference (metres, broadcast to the rows) of the positions as they are ordered in the file."""
@@ -61,14 +61,14 @@ class Format:
     """A kind of scene file. A new one is its module (or room), a line in `registry.FORMATS`, and a test of its own."""
 
     title: str
-    """As file dialogs name it."""
+    """Name in file dialogs."""
     suffix: str
     """Ending of its files: lower case, with its dot, or a whole name; empty where it is always a folder."""
     read: SceneReader
     write: Callable[[Path, Scene], None] | None = None
     """None where the format is only read."""
     fidelity: Fidelity | None = None
-    """What reading back may lose; None where the format is only read."""
+    """Losses that reading back allows; None where the format is only read."""
     up: Axis | None = None
     """The axis that points up by the format's definition, in the axes that the file is opened with; None where the
     format says nothing."""

@@ -1,4 +1,4 @@
-"""The order in which splats are written where each run of them shares one box: near ones together."""
+"""The order in which splats are written where every run of them shares one box: near ones together."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ good order comes back in the same order, with the same rounding."""
 
 
 def sort_spatially(means: Float32[ndarray, "n 3"], run: int) -> Int64[ndarray, " n"]:
-    """Row numbers in the order to write them, for boxes around every `run` rows; `means` must be finite."""
+    """Order rows for boxes around every `run` of them; `means` must be finite. Returns row numbers."""
     count = len(means)
     as_they_are = np.arange(count)
     if count <= run:
@@ -36,7 +36,7 @@ def _compute_codes(means: ndarray) -> ndarray:
 
 
 def _measure_boxes(means: ndarray, order: ndarray, run: int) -> float:
-    """The median over the boxes of their edge lengths' sum; a few far splats must not decide."""
+    """Median over the boxes of the sum of their edge lengths, so that a few far splats do not decide."""
     sizes = []
     step = run * max(BLOCK_ROWS // run, 1)
     for start in range(0, len(order), step):

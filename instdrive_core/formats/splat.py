@@ -38,7 +38,7 @@ RECORD = np.dtype([("position", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 
 BLOCK_ROWS = 8192
 """Rows converted at a time, so that the temporary arrays stay small."""
 LOG_SCALE_LIMITS = (-87.0, 88.0)
-"""Where exp stays a normal float32."""
+"""Range in which exp stays a normal float32."""
 _OTHER_FILES = {b"ply": ".ply", b"\x1f\x8b": ".spz or .gz", b"PK\x03\x04": ".sog or .zip", b"{": ".json"}
 
 

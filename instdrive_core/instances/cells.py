@@ -16,9 +16,9 @@ _HASH = np.uint64(0x9E3779B97F4A7C15)
 
 @dataclass(frozen=True)
 class Cells:
-    """What lies close together and carries one codeword, as one."""
+    """Small cells of Gaussians that lie close together, belong to one node and carry one codeword."""
 
-    of_gaussian: Int64[ndarray, " n"]
+    cell_of_gaussian: Int64[ndarray, " n"]
     positions: Float64[ndarray, "m 3"]
     """Mean of the Gaussians' means, metres."""
     groups: Int64[ndarray, " m"]
@@ -40,7 +40,7 @@ def gather_cells(
     opacities: Float[ndarray, " n"],
     size: float,
 ) -> Cells:
-    """Cells of about `size` metres. All means and scales must be finite."""
+    """Gather Gaussians into cells of about `size` metres. All means and scales must be finite."""
     group_of, pairs = _number_keys((nodes.astype(np.int64) << 32) | codewords)
     order = np.argsort(pairs)
     rank = np.empty_like(order)
@@ -57,7 +57,7 @@ def gather_cells(
     counts = np.bincount(cell_of)
     group_of_cell: Int64[ndarray, " m"] = _find_shared(groups, cell_of, len(counts))
     return Cells(
-        of_gaussian=cell_of,
+        cell_of_gaussian=cell_of,
         positions=_sum_values(means, cell_of) / counts[:, None],
         groups=group_of_cell,
         nodes=np.sort(pairs)[group_of_cell] >> 32,
@@ -70,7 +70,7 @@ def gather_cells(
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
 def _number_keys(keys):
-    """A number 0 … m - 1 for each row's key, in the order of their first rows, and the m different keys."""
+    """Number the keys of rows 0 … m - 1, in the order of their first rows; returns the numbers and the m keys."""
     bits = 4
     while (1 << bits) < 2 * len(keys):
         bits += 1
@@ -91,7 +91,7 @@ def _number_keys(keys):
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
 def _compute_cell_keys(places, groups, center, size, offset):
-    """Group and cell of each place as one number.
+    """Combine group and cell of each place into one number.
 
     14 bits an axis: strays beyond 8,192 cells from the centre share the outermost ones.
     """
@@ -118,7 +118,7 @@ def _sum_values(values, number_of):
 @numba.njit(cache=True)
 @no_type_check
 def _find_shared(values, number_of, count):
-    """The value that all rows of one number share."""
+    """Find the value that all rows of one number share."""
     shared = np.empty(count, values.dtype)
     for row in range(len(values)):
         shared[number_of[row]] = values[row]

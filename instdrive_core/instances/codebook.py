@@ -10,7 +10,10 @@ MAX_BITS = 32
 
 
 def quantize_features(features: Float[ndarray, "*n d"]) -> UInt32[ndarray, "*n"]:
-    """The nearest codeword's number, ID(f) = Σ_k 2^k [f_k > 0] (equal to argmin over the codebook of ‖tanh f - c‖²)."""
+    """Compute the number of the nearest codeword, ID(f) = Σ_k 2^k [f_k > 0].
+
+    It equals the argmin of ‖tanh f - c‖² over the codebook. Raises ValueError for a dimension that no codeword has.
+    """
     bits = features.shape[-1]
     if not 0 < bits <= MAX_BITS:
         raise ValueError(f"feature dimension is {bits}, the codebook takes 1 to {MAX_BITS}")
@@ -19,6 +22,6 @@ def quantize_features(features: Float[ndarray, "*n d"]) -> UInt32[ndarray, "*n"]
 
 
 def decode_codewords(codewords: UInt32[ndarray, "*n"], bits: int) -> Float[ndarray, "*n {bits}"]:
-    """The ±1 vectors of codeword numbers, float32."""
+    """Decode codeword numbers into their ±1 vectors, float32."""
     set_bits = (np.asarray(codewords, np.uint32)[..., None] >> np.arange(bits, dtype=np.uint32)) & 1
     return set_bits.astype(np.float32) * 2 - 1

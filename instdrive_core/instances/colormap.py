@@ -16,7 +16,7 @@ INVERSE = pow(MULTIPLIER, -1, ID_LIMIT)
 
 
 def colors_from_ids(ids: UInt32[ndarray, "*n"]) -> UInt8[ndarray, "*n 3"]:
-    """The colour of each ID. Raises ValueError for IDs of 2^24 or more."""
+    """Compute the RGB8 colour of each ID. Raises ValueError for IDs of 2^24 or more."""
     ids = np.asarray(ids, np.uint64)
     if ids.size and ids.max() >= ID_LIMIT:
         raise ValueError(f"ID {ids.max()} does not fit the 24-bit colour map (limit {ID_LIMIT - 1})")
@@ -29,7 +29,7 @@ def colors_from_ids(ids: UInt32[ndarray, "*n"]) -> UInt8[ndarray, "*n 3"]:
 
 
 def ids_from_colors(colors: UInt8[ndarray, "*n 3"]) -> UInt32[ndarray, "*n"]:
-    """The inverse of `colors_from_ids`."""
+    """Compute the ID of each RGB8 colour; the inverse of `colors_from_ids`."""
     colors = np.asarray(colors, np.uint8)
     curve = np.zeros(colors.shape[:-1], np.uint64)
     for bit in range(24):

@@ -61,7 +61,7 @@ def split_components(
     opacities: Float[ndarray, " n"],
     config: ComponentConfig = DEFAULT_CONFIG,
 ) -> UInt32[ndarray, " n"]:
-    """The instance ID of each Gaussian: 1 for the component of most Gaussians, then falling; 0 = none.
+    """Split Gaussians into instances: ID 1 for the component of most Gaussians, then falling; 0 = none.
 
     Args:
         means: metres, in the frame of each Gaussian's node.
@@ -89,12 +89,12 @@ def split_components(
     owners = np.where(solid, np.arange(len(support)), -1)
     _absorb_by_codeword(owners, components, solid, cells, by_group, spacing, config)
     _absorb_by_vote(owners, components, solid, cells, by_node, spacing, config)
-    labels[rows] = _number_by_size(owners[components], cells.counts)[cells.of_gaussian]
+    labels[rows] = _number_by_size(owners[components], cells.counts)[cells.cell_of_gaussian]
     return labels
 
 
 def _measure_scene_spacing(by_node: NeighborForest, config: ComponentConfig) -> Float64[ndarray, " m"]:
-    """`spacing_factor` times the local spacing among the node's cells of all codewords, metres."""
+    """Measure `spacing_factor` times the local spacing among a node's cells of all codewords, metres."""
     count = len(by_node.rows)
     rank = min(config.spacing_neighbor + 1, count)
     distances, _ = by_node.find_nearest_to_each(rank, np.full(count, config.sparse_limit / config.spacing_factor))
@@ -104,7 +104,7 @@ def _measure_scene_spacing(by_node: NeighborForest, config: ComponentConfig) -> 
 def _connect_cells(
     cells: Cells, by_group: NeighborForest, scene_spacing: Float64[ndarray, " m"], config: ComponentConfig
 ) -> Int64[ndarray, " m"]:
-    """The component of each cell, by the graph of near cells of one group; an actor's groups stay whole."""
+    """Find the component of each cell in the graph of near cells of one group; an actor's groups stay whole."""
     gaps = np.maximum(config.max_gap, scene_spacing)
     reach = gaps + config.extent_factor * (cells.extents + cells.extents.max())
     neighbors = min(config.neighbors + 1, len(gaps))
@@ -121,7 +121,7 @@ def _connect_cells(
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
 def _join_near_pairs(distances, targets, spacing, gaps, extents, spacing_factor, extent_factor):
-    """Union-find over the near pairs: each cell's parent, at last the lowest cell of its component."""
+    """Join near pairs by union-find; returns each cell's parent, at last the lowest cell of its component."""
     parents = np.arange(len(targets))
     for cell in range(len(targets)):
         for k in range(targets.shape[1]):
@@ -154,7 +154,7 @@ def _find_root(parents, cell):
 @numba.njit(cache=True)
 @no_type_check
 def _number_components(parents, whole, groups):
-    """A number for each cell's tree, in the order of the groups; cells with one number ≥ 0 in `whole` are one tree."""
+    """Number each cell's tree, in the order of the groups; cells with one number ≥ 0 in `whole` are one tree."""
     firsts = np.full(groups.max() + 1, -1, np.int64)
     for cell in range(len(parents)):
         if whole[cell] >= 0:
@@ -185,7 +185,7 @@ def _absorb_by_codeword(
     spacing: Float64[ndarray, " m"],
     config: ComponentConfig,
 ) -> None:
-    """Fragments join the component of their own group that comes nearest to any of their cells."""
+    """Give fragments to the component of their own group that comes nearest to any of their cells."""
     loose = np.flatnonzero(~solid[components])
     reach = np.maximum(config.absorb_distance, spacing[loose])
     ranks, below = np.where(solid[components], 0, 1), np.ones(len(loose), np.int64)
@@ -206,7 +206,7 @@ def _absorb_by_vote(
     spacing: Float64[ndarray, " m"],
     config: ComponentConfig,
 ) -> None:
-    """Fragments still without an owner join the component that holds most of the cells around them."""
+    """Give fragments still without an owner to the component that holds most of the cells around them."""
     loose = np.flatnonzero(owners[components] < 0)
     reach = np.maximum(config.vote_distance, spacing[loose])
     places, labels = cells.positions[loose], cells.nodes[loose]
@@ -222,7 +222,7 @@ def _absorb_by_vote(
 
 
 def _number_by_size(owners: Int64[ndarray, " m"], counts: Int64[ndarray, " m"]) -> UInt32[ndarray, " m"]:
-    """Owners (-1 = none) of cells as 1, 2, … from most to fewest Gaussians, ties by the lower owner; none becomes 0."""
+    """Number owners (-1 = none, which becomes 0) of cells 1, 2, … by falling count of Gaussians, then by owner."""
     sizes = np.bincount(owners + 1, weights=counts)[1:].astype(np.int64)
     numbers = np.zeros(len(sizes) + 1, np.uint32)
     real = np.flatnonzero(sizes)

@@ -1,7 +1,7 @@
 """Stray Gaussians in and around a compact object that belong to it, whatever their label says.
 
-Inside the hull nothing is ever seen, so labels there are guesses: all that no other compact object owns is the body's.
-Close around the hull a Gaussian is the body's where most of its neighbours are, and it has their colour.
+Inside the hull nothing is ever seen, so labels there are guesses: all that no other compact object owns is the
+object's. Close around the hull a Gaussian is the object's where most of its neighbours are, and it has their colour.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from instdrive_core.instances.interiors import CompactObject
 
 @dataclass(frozen=True)
 class FloaterConfig:
-    """What belongs to a body that it does not own yet."""
+    """Which Gaussians belong to a compact object that it does not own yet."""
 
     growth: float = 1.15
-    """Looked for in the hull grown by this factor …"""
+    """Factor by which the hull is grown to look for them …"""
     margin: float = 0.2
-    """… and so many metres."""
+    """… and metres by which it is grown on top."""
     neighbors: int = 8
     max_distance: float = 0.5
     """Metres to the farthest neighbour that counts."""
     min_share: float = 0.5
-    """Of the neighbours, the body's."""
+    """Least share of the neighbours that are the object's."""
     max_color_difference: float = 0.15
-    """Largest difference of R, G or B to the mean of the body's neighbours."""
+    """Largest difference of R, G or B to the mean of the neighbours that are the object's."""
 
 
 DEFAULT_CONFIG = FloaterConfig()
@@ -44,13 +44,14 @@ def match_floaters(
     claimed: Bool[ndarray, " n"],
     config: FloaterConfig = DEFAULT_CONFIG,
 ) -> Bool[ndarray, " n"]:
-    """Which Gaussians near a body become the body's.
+    """Match Gaussians near a compact object that become its own.
 
     Args:
-        means: metres, in the body's frame of reference.
+        body: the object.
+        means: metres, in the object's frame of reference.
         colors: RGB without view dependence.
-        owned: the body's own, never part of the answer.
-        claimed: those of other compact objects: only taken where they stand among the body's own.
+        owned: the object's own, never part of the answer.
+        claimed: those of other compact objects: only taken where they stand among the object's own.
     """
     local = (means.astype(np.float64) - body.center) @ body.axes
     above = local[:, 2] > body.floor
@@ -69,7 +70,7 @@ def _find_resembling(
     asked: ndarray,
     config: FloaterConfig,
 ) -> Bool[ndarray, " k"]:
-    """Whether enough of the neighbours of each row `asked` are owned, and look like it."""
+    """Find the rows `asked` of whose neighbours enough are owned and look like them."""
     wanted = min(config.neighbors + 1, len(local))
     distances, found = KDTree(local).query(local[asked], k=wanted)
     counted = (distances <= config.max_distance) & (found != asked[:, None])

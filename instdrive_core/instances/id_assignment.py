@@ -1,4 +1,4 @@
-"""Instance IDs out of any other numbers."""
+"""Instance IDs made of any other numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy import ndarray
 
 
 def number_by_size(groups: Int[ndarray, " n"]) -> UInt32[ndarray, " n"]:
-    """Groups (negative = none) as 1, 2, … from most to fewest Gaussians, ties by the lower number; none becomes 0."""
+    """Number groups (negative = none, which becomes 0) 1, 2, … by falling count of Gaussians, then by group."""
     different, inverse, counts = np.unique(groups, return_inverse=True, return_counts=True)
     real = different >= 0
     order = np.lexsort((different[real], -counts[real]))

@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, KDTree, QhullError
 
 @dataclass(frozen=True)
 class InteriorConfig:
-    """Which instances are bodies that can have an inside."""
+    """Which instances are compact objects that can have an inside."""
 
     max_length: float = 12.0
     """Metres: larger instances are surfaces or groups of things."""
@@ -25,17 +25,17 @@ class InteriorConfig:
     """Metres: lower ones lie on the ground."""
     min_gaussians: int = 10
     stray_share: float = 0.01
-    """Of an instance's Gaussians, on either side of each axis, that do not count for its hull."""
+    """Share of an instance's Gaussians, on either side of each axis, that do not count for its hull."""
     min_opacity: float = 0.1
     """Fainter Gaussians do not count for a hull."""
     ground_clearance: float = 0.1
     """Metres above the hull's lowest point that stay what they are: there lies the road."""
     growth: float = 1.1
-    """Around the hull, grown by this factor …"""
+    """Factor by which the hull is grown …"""
     margin: float = 0.1
-    """… and so many metres, …"""
+    """… and metres on top, to find Gaussians close around it …"""
     min_share: float = 0.3
-    """… Gaussians belong to the body that got at least this share of their votes."""
+    """… which belong to the object that got at least this share of their votes."""
 
 
 DEFAULT_CONFIG = InteriorConfig()
@@ -50,14 +50,14 @@ class CompactObject:
     reach: float
     """Metres from the centre to the hull's farthest corner."""
     axes: Float64[ndarray, "3 3"]
-    """Columns: the body's own axes, the third one up."""
+    """Columns: the object's own axes, the third one up."""
     planes: Float64[ndarray, "k 4"]
     """Outward normals and offsets of the hull in these axes."""
     floor: float
     volume: float
 
     def holds(self, local: Float64[ndarray, "k 3"], growth: float = 1.0, margin: float = 0.0) -> Bool[ndarray, " k"]:
-        """Whether points, seen from the centre in the body's axes, lie in the hull grown by a factor and metres."""
+        """Whether points, seen from the centre in the object's axes, lie in the hull grown by a factor and metres."""
         heights = local @ self.planes[:, :3].T + growth * self.planes[:, 3]
         return np.all(heights < margin, axis=1)
 
@@ -65,7 +65,7 @@ class CompactObject:
 def fill_from_nearest(
     groups: Int64[ndarray, " n"], means: Float[ndarray, "n 3"], nodes: UInt16[ndarray, " n"]
 ) -> Int64[ndarray, " n"]:
-    """Every -1 replaced by the group of the nearest Gaussian of the same node that has one; -1 where there is none."""
+    """Replace every -1 by the group of the nearest Gaussian of the same node that has one; -1 where there is none."""
     filled = groups.copy()
     for node in np.unique(nodes[groups < 0]):
         known = np.flatnonzero((nodes == node) & (groups >= 0))
@@ -84,8 +84,9 @@ def fill_compact_objects(
     shares: csr_array,
     config: InteriorConfig = DEFAULT_CONFIG,
 ) -> Int64[ndarray, " n"]:
-    """`candidates` inside the convex hull of a compact group become that group's; the smallest hull wins. So do those
-    close around it that partly show the group: an object's edge, which votes lost to what is behind.
+    """Give `candidates` inside the convex hull of a compact group to that group; the smallest hull wins.
+
+    Those close around it that partly show the group join, too: an object's edge, which votes lost to what is behind.
 
     Args:
         groups: -1 = none.
@@ -134,7 +135,7 @@ def _find_compact_objects(
 def fit_compact_object(
     instance: int, points: Float64[ndarray, "k 3"], config: InteriorConfig = DEFAULT_CONFIG
 ) -> CompactObject | None:
-    """The body that points (metres, z up) span; None where they are too large, too flat or too few for one."""
+    """Fit the compact object that points (metres, z up) span; None where they are too large, too flat or too few."""
     center, axes = np.median(points, axis=0), np.eye(3)
     axes[:2, :2] = np.linalg.eigh(np.cov(points[:, :2].T))[1]
     local = (points - center) @ axes

@@ -30,7 +30,7 @@ class NeighborForest:
 
     points: Float64[ndarray, "m 3"]
     rows: Int64[ndarray, " m"]
-    """What number each point had where it came from."""
+    """Number of each point where it came from."""
     starts: Int64[ndarray, " l1"]
     """The points of label l are `starts[l]:starts[l + 1]`."""
     boxes: Float64[ndarray, "m 6"]
@@ -45,7 +45,7 @@ class NeighborForest:
         ranks: Int64[ndarray, " m"] | None = None,
         below: Int64[ndarray, " q"] | None = None,
     ) -> tuple[Float64[ndarray, "q k"], Int32[ndarray, "q k"]]:
-        """Distances to the `count` nearest points of each query's own label, rising, and those points' numbers.
+        """Find the `count` nearest points of each query's own label: their distances, rising, and their numbers.
 
         Args:
             queries: any places.
@@ -59,7 +59,7 @@ class NeighborForest:
             ranks, below = np.zeros(len(self.rows), np.int64), np.ones(len(queries), np.int64)
         distances, found = np.empty((len(queries), count)), np.empty((len(queries), count), np.int32)
         places = np.arange(len(queries))
-        lowest = _lowest_ranks(self.rows, self.starts, ranks)
+        lowest = _find_lowest_ranks(self.rows, self.starts, ranks)
         _answer(self.points, self.rows, self.starts, self.boxes, ranks, lowest,
                 np.ascontiguousarray(queries, np.float64), labels, below, places,
                 np.ascontiguousarray(reach, np.float64), distances, found)  # fmt: skip
@@ -68,7 +68,7 @@ class NeighborForest:
     def find_nearest_to_each(
         self, count: int, reach: Float[ndarray, " m"]
     ) -> tuple[Float64[ndarray, "m k"], Int32[ndarray, "m k"]]:
-        """As `nearest` with the forest's own points as queries, by their numbers; each is its own first neighbour."""
+        """Find the nearest points to each of the forest's own, by number; each is its own first neighbour."""
         distances, found = np.empty((len(self.rows), count)), np.empty((len(self.rows), count), np.int32)
         labels = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
         # In the order of the trees one query looks at the points that the last one has just read.
@@ -80,11 +80,11 @@ class NeighborForest:
 
 
 def build_forest(points: Float[ndarray, "m 3"], labels: Int64[ndarray, " m"]) -> NeighborForest:
-    """Trees for finite points with labels from 0 on."""
+    """Build the trees of finite points with labels from 0 on."""
     count = len(points)
     sizes = np.bincount(labels)
     starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    rows = _by_label(labels, starts)
+    rows = _sort_by_label(labels, starts)
     placed = np.asarray(points, np.float64)[rows]
     boxes = np.empty((count, 6))
     pieces = np.stack([starts[:-1], starts[1:]], axis=1)[sizes > 0]
@@ -100,8 +100,8 @@ def build_forest(points: Float[ndarray, "m 3"], labels: Int64[ndarray, " m"]) ->
 
 @numba.njit(cache=True)
 @no_type_check
-def _by_label(labels, starts):
-    """Numbers of the points, label by label, rising."""
+def _sort_by_label(labels, starts):
+    """Sort the numbers of the points label by label, rising."""
     places, rows = starts.copy(), np.empty(len(labels), np.int64)
     for row in range(len(labels)):
         rows[places[labels[row]]] = row
@@ -185,8 +185,8 @@ def _select(points, rows, axis, first, last, middle):
 
 @numba.njit(cache=True)
 @no_type_check
-def _lowest_ranks(rows, starts, ranks):
-    """The lowest rank among the points of each node: where none is below a query's, there is nothing to look for."""
+def _find_lowest_ranks(rows, starts, ranks):
+    """Find the lowest rank among the points of each node: where none is below a query's, the search passes it over."""
     lowest = np.empty(len(rows), np.int64)
     nodes = np.empty((_DEPTH, 2), np.int64)
     for label in range(len(starts) - 1):
@@ -217,7 +217,7 @@ def _lowest_ranks(rows, starts, ranks):
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 @no_type_check
 def _answer(points, rows, starts, boxes, ranks, lowest, queries, labels, below, places, reach, distances, found):
-    """Query q's neighbours go to row `places[q]` of the results."""
+    """Answer all queries; query q's neighbours go to row `places[q]` of the results."""
     for chunk in numba.prange((len(queries) + _CHUNK - 1) // _CHUNK):
         left, away = np.empty((_DEPTH, 2), np.int64), np.empty(_DEPTH)
         for q in range(chunk * _CHUNK, min(len(queries), (chunk + 1) * _CHUNK)):
@@ -235,10 +235,10 @@ def _answer(points, rows, starts, boxes, ranks, lowest, queries, labels, below, 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
 def _search(points, rows, boxes, ranks, lowest, start, stop, query, below, reach, left, away, squares, numbers):
-    """Nearer child first; what cannot hold a point nearer than the worst kept one is passed over."""
+    """Search a tree, nearer child first; a node that cannot hold a point nearer than the worst kept one is skipped."""
     x, y, z = query[0], query[1], query[2]
     last, limit = len(squares) - 1, reach * reach
-    left[0, 0], left[0, 1], away[0] = start, stop, _square_to_box(boxes, (start + stop) // 2, x, y, z)
+    left[0, 0], left[0, 1], away[0] = start, stop, _compute_square_to_box(boxes, (start + stop) // 2, x, y, z)
     waiting = 1
     while waiting:
         waiting -= 1
@@ -248,8 +248,8 @@ def _search(points, rows, boxes, ranks, lowest, start, stop, query, below, reach
         while stop - start > _LEAF:
             middle = (start + stop) // 2
             one, other = (start + middle) // 2, (middle + stop) // 2
-            lower = _square_to_box(boxes, one, x, y, z) if lowest[one] < below else np.inf
-            upper = _square_to_box(boxes, other, x, y, z) if lowest[other] < below else np.inf
+            lower = _compute_square_to_box(boxes, one, x, y, z) if lowest[one] < below else np.inf
+            upper = _compute_square_to_box(boxes, other, x, y, z) if lowest[other] < below else np.inf
             if lower <= upper:
                 left[waiting, 0], left[waiting, 1], away[waiting] = middle, stop, upper
                 stop = middle
@@ -271,7 +271,7 @@ def _search(points, rows, boxes, ranks, lowest, start, stop, query, below, reach
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _square_to_box(boxes, node, x, y, z):
+def _compute_square_to_box(boxes, node, x, y, z):
     dx = max(boxes[node, 0] - x, x - boxes[node, 3], 0.0)
     dy = max(boxes[node, 1] - y, y - boxes[node, 4], 0.0)
     dz = max(boxes[node, 2] - z, z - boxes[node, 5], 0.0)

@@ -1,4 +1,4 @@
-"""The upright box and the convex hull around one instance's Gaussians, whatever floats about it."""
+"""The upright box and the convex hull around one instance's Gaussians, without what floats about it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
 STRAY_SHARE = 0.02
-"""Of the Gaussians, left out at each face of a box: what reaches farthest is mostly haze."""
+"""Share of the Gaussians left out at each face of a box: those that reach farthest are mostly haze."""
 MIN_SIZE = 0.001
 """Units: no side of a box is shorter, so that a box is never empty."""
 MIN_PART = 0.1
@@ -32,7 +32,7 @@ class OrientedBox:
 
     center: Float64[ndarray, "3"]
     size: Float64[ndarray, "3"]
-    """Along the box's own x, y and z."""
+    """Lengths along the box's own x, y and z, metres."""
     yaw: float
     """Radians from the frame's x axis to the box's, counter-clockwise about z, in (-π, π]."""
 
@@ -42,12 +42,12 @@ class OrientedBox:
         return _build_rotation(self.yaw)
 
     def holds(self, points: Float[ndarray, "n 3"], slack: float = 0.0) -> Bool[ndarray, " n"]:
-        """Which points lie inside, or outside by at most `slack`."""
+        """Whether each point lies inside, or outside by at most `slack` metres."""
         return np.all(np.abs((points - self.center) @ self.rotation) <= self.size / 2 + slack, axis=1)
 
 
 def find_main_parts(means: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
-    """False for floaters: pieces far from the rest that hold few Gaussians.
+    """Find the Gaussians that are no floaters; these are pieces far from the rest that hold few Gaussians.
 
     Pieces are cells of an eighth of the middle 94 % that touch; where Gaussians are sparse, larger cells.
     """
@@ -71,7 +71,7 @@ def find_main_parts(means: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
 def fit_upright_box(
     means: Float64[ndarray, "n 3"], covariances: Float64[ndarray, "n 3 3"], yaw: float | None = None
 ) -> OrientedBox:
-    """The box of all Gaussians but the farthest 2 % at each face, each as wide as its standard deviation.
+    """Fit a box to all Gaussians but the farthest 2 % at each face, each as wide as its standard deviation.
 
     Args:
         means: (n ≥ 1) finite, in the frame's unit, z up.
@@ -94,7 +94,7 @@ def fit_upright_box(
 def compute_convex_hull(
     points: Float64[ndarray, "n 3"],
 ) -> tuple[Float64[ndarray, "v 3"], Int64[ndarray, "f 3"]] | None:
-    """Corners and triangles (counter-clockwise from outside) of the hull; None where the points span no volume."""
+    """Compute a hull's corners and triangles (counter-clockwise from outside); None where points span no volume."""
     center = points.mean(axis=0) if len(points) else np.zeros(3)
     try:
         hull = ConvexHull(points - center)

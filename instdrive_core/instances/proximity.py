@@ -20,7 +20,7 @@ _ASKED = 1_000
 def find_rows_near(
     points: Float32[ndarray, "n 3"], asked: Int64[ndarray, " a"], others: Int64[ndarray, " b"], distance: float
 ) -> Int64[ndarray, " k"]:
-    """Those of the rows `asked` whose point is at most `distance` from the point of any of the rows `others`.
+    """Find those of the rows `asked` whose point is at most `distance` from the point of any of the rows `others`.
 
     Points that are not finite are near nothing.
     """
@@ -36,7 +36,7 @@ def find_rows_near(
 
 
 def estimate_spacing(points: Float32[ndarray, "n 3"]) -> float:
-    """How far points that cover surfaces lie apart: to the last of the six around one, in the median.
+    """Estimate how far points that cover surfaces lie apart: the median distance to the last of the six around one.
 
     Of many points some are looked at: every m-th ones lie √m times as far apart on a surface. Not finite points are
     left out; inf where fewer than seven points remain.

@@ -32,7 +32,7 @@ class RejoinConfig:
     flat_extent: float = 4.0
     """Metres: from this length on (two standard deviations) a flat part may join in its plane."""
     flatness: float = 0.12
-    """Its deviation from the larger part's plane (root mean square), at most, as a share of its length."""
+    """Largest deviation of a flat part from the larger part's plane (root mean square), as a share of its length."""
 
 
 @dataclass(frozen=True)
@@ -44,18 +44,18 @@ class _Shapes:
     lengths: Float64[ndarray, " c"]
     """Two standard deviations along the longest axis, metres."""
     normals: Float64[ndarray, "c 3"]
-    """Along the shortest axis."""
+    """Unit vectors along the shortest axis."""
 
 
 def rejoin_components(
     components: Int64[ndarray, " m"], cells: Cells, by_group: NeighborForest, min_support: float, config: RejoinConfig
 ) -> Int64[ndarray, " m"]:
-    """The component of each cell after parts have joined the nearest larger component of their own group.
+    """Join parts to the nearest larger component of their own group; returns the component of each cell.
 
     Components with less than `min_support` stay as they are and nothing joins them: what surrounds them knows better.
     """
     support = np.bincount(components, weights=cells.support)
-    parts = np.flatnonzero((support >= min_support) & _shares_group(components, cells, support >= min_support))
+    parts = np.flatnonzero((support >= min_support) & _find_sharing_group(components, cells, support >= min_support))
     if not len(parts):
         return components
     shapes = _fit_shapes(components, cells, support)
@@ -74,15 +74,17 @@ def rejoin_components(
     return owners[components]
 
 
-def _shares_group(components: Int64[ndarray, " m"], cells: Cells, solid: Bool[ndarray, " c"]) -> Bool[ndarray, " c"]:
-    """Whether a component's group has other solid ones too."""
+def _find_sharing_group(
+    components: Int64[ndarray, " m"], cells: Cells, solid: Bool[ndarray, " c"]
+) -> Bool[ndarray, " c"]:
+    """Find the components whose group has other solid ones, too."""
     group_of = np.zeros(len(solid), np.int64)
     group_of[components] = cells.groups
     return np.bincount(group_of[solid], minlength=group_of.max() + 1)[group_of] > 1
 
 
 def _fit_shapes(components: Int64[ndarray, " m"], cells: Cells, support: Float64[ndarray, " c"]) -> _Shapes:
-    """Weighted by the cells' support."""
+    """Fit ellipsoids to components, weighted by the cells' support."""
     weights = np.maximum(support, 1e-12)
 
     def mean(values: Float64[ndarray, " m"]) -> Float64[ndarray, " c"]:
@@ -105,7 +107,7 @@ def _compute_gap(support: Float64[ndarray, " p"], config: RejoinConfig) -> Float
 def _compute_reach(
     parts: Int64[ndarray, " p"], support: Float64[ndarray, " c"], shapes: _Shapes, config: RejoinConfig
 ) -> tuple[Float64[ndarray, " p"], Bool[ndarray, " p"]]:
-    """How far each part looks for a larger one, and which are large and flat."""
+    """Compute how far each part looks for a larger one, and which parts are large and flat."""
     lengths = shapes.lengths[parts]
     flat = (lengths >= config.flat_extent) & (_compute_deviation(parts, parts, shapes) <= config.flatness * lengths)
     in_plane = np.where(flat, np.minimum(lengths, config.max_gap), 0)
@@ -115,7 +117,7 @@ def _compute_reach(
 def _compute_deviation(
     parts: Int64[ndarray, " p"], others: Int64[ndarray, " p"], shapes: _Shapes
 ) -> Float64[ndarray, " p"]:
-    """Root mean square distance of each part from the plane of another, metres."""
+    """Compute the root mean square distance of each part from the plane of another, metres."""
     normals = shapes.normals[others]
     own = np.einsum("pi,pij,pj->p", normals, shapes.covariances[parts], normals)
     away = np.einsum("pi,pi->p", normals, shapes.centers[parts] - shapes.centers[others])
@@ -131,7 +133,7 @@ def _find_nearest_larger(
     reach: Float64[ndarray, " p"],
     min_support: float,
 ) -> tuple[Float64[ndarray, " p"], Int64[ndarray, " p"]]:
-    """The gap to the nearest component of more support in each part's group (inf = none), and the cell beyond it."""
+    """Find the gap to the nearest component of more support in each part's group (inf = none), and the cell beyond."""
     count = len(support)
     rank_of = np.empty(count, np.int64)
     rank_of[np.lexsort((np.arange(count), -support))] = np.arange(count)
@@ -149,7 +151,7 @@ def _find_nearest_larger(
 
 
 def _choose_spread_cells(components: Int64[ndarray, " m"], place_of: Int64[ndarray, " c"]) -> Int64[ndarray, " q"]:
-    """At most `_MAX_QUERIES` cells of each component that has a place."""
+    """Choose at most `_MAX_QUERIES` cells of each component that has a place."""
     mine = np.flatnonzero(place_of[components] >= 0)
     mine = mine[np.argsort(components[mine], kind="stable")]
     sizes = np.bincount(components[mine], minlength=len(place_of))

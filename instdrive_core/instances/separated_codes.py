@@ -14,11 +14,11 @@ from instdrive_core.instances.codebook import MAX_BITS
 
 MIN_DISTANCE = 4
 _MAX_DATA_BITS = 26
-"""Of an extended Hamming code of 32 bits."""
+"""Data bits of an extended Hamming code of 32 bits."""
 
 
 def generate_separated_codewords(count: int) -> tuple[UInt32[ndarray, " count"], int]:
-    """`count` codewords and d, their number of bits: the fewest that keep them apart.
+    """Generate `count` codewords of d bits, the fewest that keep them apart; returns the codewords and d.
 
     Raises ValueError for more instances than 32 bits hold (2^26).
     """

@@ -1,9 +1,9 @@
-"""What is known of each instance, beside the per-Gaussian ID array."""
+"""The table of instances: what is known of each, beside the ID of every Gaussian."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, UInt16, UInt32
@@ -62,13 +62,9 @@ class InstanceTable:
         """Add or replace an instance."""
         self.instances[instance.id] = instance
 
-    def renamed(self, instance_id: int, name: str) -> Instance:
-        """A copy of an instance under another name."""
-        return replace(self.instances[instance_id], name=name)
-
 
 def make_default_name(instance_id: int) -> str:
-    """What an instance is called before anyone named it."""
+    """Make the name that an instance has before anyone names it."""
     return f"instance {instance_id}"
 
 
@@ -107,18 +103,18 @@ def build_instance_table(
 
 
 def compute_middle_bounds(means: Float[ndarray, "n 3"]) -> Bounds:
-    """Lower and upper corner of the box that holds the middle 94 % of at least one mean along each axis."""
+    """Compute the corners of the box that holds the middle 94 % of at least one mean along each axis."""
     low, high = np.quantile(means, [0.03, 0.97], axis=0, method="nearest").tolist()
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
 def find_main_nodes(instance_ids: UInt32[ndarray, "n"], nodes: UInt16[ndarray, "n"]) -> dict[int, int]:
-    """By ID, 0 included, the node that most of its Gaussians belong to, the lowest of equals."""
+    """Find for each ID, 0 included, the node that most of its Gaussians belong to, the lowest of equals."""
     return _find_most_frequent(instance_ids, nodes.astype(np.uint32))
 
 
 def _find_most_frequent(instance_ids: UInt32[ndarray, "n"], values: UInt32[ndarray, "n"]) -> dict[int, int]:
-    """The value that most Gaussians of each ID have."""
+    """Find the value that most Gaussians of each ID have."""
     packed = (instance_ids.astype(np.uint64) << np.uint64(32)) | values
     pairs, counts = np.unique(packed, return_counts=True)
     ids, found = pairs >> np.uint64(32), pairs & np.uint64(0xFFFFFFFF)

@@ -10,6 +10,6 @@ WORDS = frozenset(("car", "vehicle", "truck", "bus", "van"))
 
 
 def is_vehicle(instance: Instance) -> bool:
-    """By its class, or where that is unknown by its name."""
+    """Whether an instance is a vehicle, by its class, or where that is unknown by its name."""
     label = instance.class_name or instance.name
     return not WORDS.isdisjoint(re.split(r"[^a-z]+", label.lower()))

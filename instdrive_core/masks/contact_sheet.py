@@ -22,7 +22,7 @@ MAX_WIDTH = 640
 """Pixels of a photo in the sheet."""
 GAP, BACKGROUND = 4, (24, 24, 24)
 MASK_SHARE = 0.6
-"""How much of a pixel is the mask's colour; the rest is the photo."""
+"""Share of a pixel that is the mask's colour; the rest is the photo."""
 HATCH = 8
 """Pixels between the lines that mark the sky."""
 
@@ -32,7 +32,7 @@ def write_contact_sheets(clip: Clip, masks: MaskFolder, path: Path) -> tuple[Pat
 
     Args:
         clip: photos and cameras.
-        masks: of the clip's training photos.
+        masks: masks of the clip's training photos.
         path: picture file, or a folder, which gets CAMERA.jpg; with several cameras, a file's name gets theirs as well.
 
     Raises OptionError for a file name that is no picture's, DataError where a file cannot be written or masks are
@@ -61,7 +61,7 @@ def check_sheet_path(path: Path) -> None:
 
 
 def build_contact_sheet(frames: Sequence[Frame], masks: MaskFolder) -> Image.Image:
-    """Up to `COLUMNS` × `ROWS` photos of one camera, evenly spread over the frames, in their order."""
+    """Put together up to `COLUMNS` × `ROWS` photos of one camera, evenly spread over the frames, in their order."""
     count = min(len(frames), COLUMNS * ROWS)
     chosen = [frames[round(number * (len(frames) - 1) / max(1, count - 1))] for number in range(count)]
     tiles = [_build_tile(frame, masks.load(frame)) for frame in chosen]
@@ -74,7 +74,7 @@ def build_contact_sheet(frames: Sequence[Frame], masks: MaskFolder) -> Image.Ima
 
 
 def paint_masks(image: UInt8[ndarray, "h w 3"], masks: FrameMasks) -> UInt8[ndarray, "h w 3"]:
-    """The photo under its masks: outlines white, the sky hatched, what has no mask dark and without colour."""
+    """Paint masks over a photo: outlines white, the sky hatched, what has no mask dark and without colour."""
     grey = image.mean(axis=2, keepdims=True)
     labels = masks.labels
     colored = MASK_SHARE * colors_from_ids(labels.astype(np.uint32)) + (1 - MASK_SHARE) * grey
@@ -98,7 +98,7 @@ def _build_tile(frame: Frame, masks: FrameMasks) -> Image.Image:
 
 
 def _find_outlines(labels: UInt16[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
-    """Pixels of a mask whose right or lower neighbour is not of it."""
+    """Find pixels of a mask whose right or lower neighbour is not of it."""
     outline = np.zeros(labels.shape, bool)
     outline[:, :-1] |= labels[:, :-1] != labels[:, 1:]
     outline[:-1] |= labels[:-1] != labels[1:]

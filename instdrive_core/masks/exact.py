@@ -39,7 +39,7 @@ class ExactLabels:
         self.instances = _read_instances(self.folder / "instances.json")
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """Instances at the frame's size; 0 = none, also on the ego vehicle."""
+        """Load instances at the frame's size; 0 = none, also on the ego vehicle."""
         file = self.folder / f"{frame.key}.png"
         labels = read_label_map(file)
         unknown = set(np.unique(labels).tolist()) - {0} - set(self.instances)
@@ -49,7 +49,7 @@ class ExactLabels:
         return sized if frame.valid is None else np.where(frame.valid, sized, np.uint32(0))
 
     def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
+        """Load the sky at the frame's size."""
         sky = read_sky_mask(self.folder / "sky" / f"{frame.key}.png")
         return resample_nearest(sky, frame.view.camera.width, frame.view.camera.height)
 

@@ -1,4 +1,4 @@
-"""What evaluation compares with: which object each pixel shows, with IDs that hold in all frames and cameras."""
+"""Ground truths, registered once: the object that each pixel shows, with IDs that hold in all frames and cameras."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ class GroundTruth(Protocol):
 
     @property
     def instances(self) -> dict[int, GroundTruthInstance]:
-        """What each ID is."""
+        """Facts of each ID."""
         ...
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """IDs at the frame's size; 0 = unknown, to be ignored. Sky and ego vehicle are 0."""
+        """Load IDs at the frame's size; 0 = unknown, to be ignored. Sky and ego vehicle are 0."""
         ...
 
     def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"] | None:
-        """The sky at the frame's size; None where it is not known."""
+        """Load the sky at the frame's size; None where it is not known."""
         ...
 
 
@@ -63,11 +63,11 @@ class UnknownLabels:
         self.instances: dict[int, GroundTruthInstance] = {}
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """All 0."""
+        """Give 0 everywhere."""
         return np.zeros((frame.view.camera.height, frame.view.camera.width), np.uint32)
 
     def load_sky(self, frame: Frame) -> None:
-        """Not known."""
+        """Give None: the sky is not known."""
 
 
 @dataclass(frozen=True)

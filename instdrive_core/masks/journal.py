@@ -1,4 +1,4 @@
-"""What has been written of a folder of masks that is not finished, so that an interrupted command can go on.
+"""Journal of an unfinished folder of masks, so that an interrupted command can go on.
 
 ``masks.partial.jsonl``: a line with the recipe, then a line per frame, each added when the frame's files are whole. A
 line that was cut off, and all after it, count as not written.
@@ -42,13 +42,13 @@ class MaskJournal:
         self.file.write_text("".join(lines), encoding="utf-8")
 
     def add(self, key: str, entry: dict[str, Any]) -> None:
-        """A frame's files are whole."""
+        """Add a frame whose files are whole."""
         self.entries[key] = entry
         with self.file.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"frame": key, "entry": entry}) + "\n")
 
     def close(self) -> None:
-        """The folder is finished."""
+        """Remove the file: the folder is finished."""
         self.file.unlink(missing_ok=True)
 
 

@@ -41,7 +41,7 @@ _REMEDY = "Write the masks again with `instdrive masks`"
 
 @dataclass(frozen=True)
 class FrameMasks:
-    """What is known about one photo's pixels."""
+    """Masks and sky of one photo."""
 
     labels: UInt16[ndarray, "h w"]
     """Instance of this frame only; 0 = none."""
@@ -50,7 +50,7 @@ class FrameMasks:
     """Further label maps where masks overlap, each numbered by itself; `labels` has the smallest mask on top."""
 
     def resize(self, width: int, height: int) -> FrameMasks:
-        """The nearest label for each pixel of another raster."""
+        """Take the nearest label for each pixel of another raster."""
         if self.labels.shape == (height, width):
             return self
         labels, sky, *overlaps = (
@@ -65,7 +65,7 @@ class MaskFolder:
 
     path: Path
     source: str
-    """How the masks were made, e.g. ``exact`` or ``annotations``."""
+    """Name of the source that made the masks, e.g. ``exact`` or ``annotations``."""
     seed: int
     counts: dict[str, int]
     """Number of masks by frame key; its keys are the frames that have masks."""
@@ -105,7 +105,7 @@ def write_masks(
         folder: where to.
         frames: key and masks of each frame.
         source: how they were made.
-        seed: of their labels' order.
+        seed: seed of their labels' order.
         faults: name of the faults that were put into them.
         journal: remembers what is written; the frames it knows already become part of the folder.
 
@@ -169,7 +169,8 @@ def open_masks(folder: str | Path) -> MaskFolder:
 
 
 def shuffle_labels(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[ndarray, "h w"]:
-    """Labels 1…n in random order for the n instances (> 0) of a frame; the order depends on seed and frame key only.
+    """Give labels 1…n in random order to the n instances (> 0) of a frame; the order depends on seed and frame key
+    only.
 
     Raises ValueError for more instances than 16 bits hold.
     """
@@ -184,7 +185,7 @@ def shuffle_labels(instances: Integer[ndarray, "h w"], key: str, seed: int) -> U
 
 
 def resample_nearest(raster: ndarray, width: int, height: int) -> ndarray:
-    """The raster (h, w) sampled at the pixel centres of a raster of another size."""
+    """Sample a raster (h, w) at the pixel centres of a raster of another size."""
     if raster.shape == (height, width):
         return raster
     rows = ((np.arange(height) + 0.5) * raster.shape[0] / height).astype(int)
@@ -203,7 +204,7 @@ def locate_sky_mask(folder: Path, key: str) -> Path:
 
 
 def read_label_map(file: Path) -> Integer[ndarray, "h w"]:
-    """A grey PNG of 8 or 16 bits as it is. Raises DataError where it is missing, damaged or of another kind."""
+    """Read a grey PNG of 8 or 16 bits as it is. Raises DataError where it is missing, damaged or of another kind."""
     raster, mode = _read_png(file)
     if mode not in ("L", "I;16", "I"):
         raise DataError(file, f"has the image mode {mode}, expected 16-bit grey", _REMEDY)
@@ -211,7 +212,7 @@ def read_label_map(file: Path) -> Integer[ndarray, "h w"]:
 
 
 def read_sky_mask(file: Path) -> Bool[ndarray, "h w"]:
-    """A sky mask: 0 = no sky. Raises DataError as `read_label_map`."""
+    """Read a sky mask: 0 = no sky. Raises DataError where it is missing, damaged or of another kind."""
     raster, mode = _read_png(file)
     if mode not in ("L", "1"):
         raise DataError(file, f"has the image mode {mode}, expected 8-bit grey", _REMEDY)

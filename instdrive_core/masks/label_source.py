@@ -1,4 +1,4 @@
-"""What makes masks: each way of making them is one class with this shape, in a file of its own."""
+"""Shape of what makes masks: each way of making them is a class of its own with these methods."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class LabelSource(Protocol):
         ...
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """A number per mask at the frame's size; 0 = none, also on the ego vehicle. Numbers need not agree between
+        """Load a number per mask at the frame's size; 0 = none, also on the ego vehicle. Numbers need not agree between
         frames."""
         ...
 
     def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
+        """Load the sky at the frame's size."""
         ...

@@ -42,7 +42,7 @@ def make_masks(
         clip: the clip, with the cameras and at the image scale that are wanted.
         source: name of the source of masks, one of `MASK_SOURCES`.
         folder: where to.
-        seed: of the labels' order and of the faults.
+        seed: seed of the labels' order and of the faults.
         on_frame: is told the number of frames done, first of all that of frames done before.
         faults: what to get wrong on purpose.
         options: what some sources need.

@@ -18,12 +18,12 @@ from instdrive_core.masks.sam.options import SamOptions
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """What some sources need to know besides the clip."""
+    """Options of sources, besides the clip."""
 
     imported: Path | None = None
     """Folder that `import` reads."""
     sam: SamOptions = SamOptions()  # noqa: RUF009 (frozen)
-    """How `sam` asks the model."""
+    """Options of `sam`."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class MaskSource:
     name: str
     """Word on the command line and in the sidecar of a folder of masks."""
     summary: str
-    """What the masks are made from, for the command line's help."""
+    """Words on what the masks are made from, for the command line's help."""
     needs: str
-    """What a clip must have, after "has no"; empty = photos are enough."""
+    """Words on what a clip must have, after "has no"; empty = photos are enough."""
     fits: Callable[[Clip], bool]
     """Whether a clip has it; cheap."""
     open: Callable[[Clip, SourceOptions], LabelSource]
@@ -100,7 +100,8 @@ MASK_SOURCES = (
     ),
     MaskSource("import", "made elsewhere, see --from", "", lambda clip: True, _open_imported, _list_import_options),
 )
-"""In the order in which help and errors list them. A new source is its file or room, a record here, and its test."""
+"""Sources in the order in which help and errors list them. A new source is its file or room, a record here, and its
+test."""
 
 
 def find_mask_source(name: str) -> MaskSource:

@@ -1,1 +1,1 @@
-"""Pure functions on arrays: rotations, spherical harmonics, activations."""
+"""Pure functions on arrays: rotations, spherical harmonics, activations, sorting, random streams."""

@@ -8,11 +8,11 @@ from numpy import ndarray
 
 
 def sigmoid(logits: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:
-    """Opacity in (0, 1) from its logit; never overflows."""
+    """Compute opacities in (0, 1) from their logits; never overflows."""
     return 0.5 * (1.0 + np.tanh(0.5 * logits))
 
 
 def logit(probabilities: Float[ndarray, "*n"]) -> Float[ndarray, "*n"]:
-    """Inverse of `sigmoid`; probabilities are clipped to [1e-6, 1 - 1e-6]."""
+    """Compute logits, the inverse of `sigmoid`; probabilities are clipped to [1e-6, 1 - 1e-6]."""
     clipped = np.clip(probabilities, 1e-6, 1.0 - 1e-6)
     return np.log(clipped / (1.0 - clipped))

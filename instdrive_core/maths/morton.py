@@ -20,7 +20,7 @@ _SPREADING = (
 def compute_morton_codes(
     points: Float[ndarray, "n 3"], low: Float[ndarray, "3"], high: Float[ndarray, "3"]
 ) -> UInt64[ndarray, " n"]:
-    """The code of each point (finite) in the box from `low` to `high`; points outside count as on its side."""
+    """Compute the code of each finite point in the box from `low` to `high`; points outside count as on its side."""
     sizes = np.maximum(np.asarray(high, np.float64) - low, np.finfo(np.float64).tiny)
     cells = (1 << AXIS_BITS) - 1
     codes = np.zeros(len(points), np.uint64)
@@ -31,7 +31,7 @@ def compute_morton_codes(
 
 
 def _spread_bits(values: UInt64[ndarray, " n"]) -> UInt64[ndarray, " n"]:
-    """Two zero bits between the 21 bits of each value (Warren, Hacker's Delight, ch. 7)."""
+    """Put two zero bits between the 21 bits of each value (Warren, Hacker's Delight, ch. 7)."""
     for shift, mask in _SPREADING:
         values = (values | values << np.uint64(shift)) & np.uint64(mask)
     return values

@@ -8,7 +8,7 @@ from numpy import ndarray
 
 
 def normalize_quaternions(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
-    """Unit quaternions; a zero quaternion becomes the identity."""
+    """Scale quaternions to length 1; a zero quaternion becomes the identity."""
     norms = np.linalg.norm(quats, axis=-1, keepdims=True)
     identity = np.zeros_like(quats)
     identity[..., 0] = 1
@@ -16,7 +16,7 @@ def normalize_quaternions(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4
 
 
 def matrix_from_quaternion(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 3 3"]:
-    """Rotation matrices from quaternions wxyz of any length."""
+    """Compute rotation matrices from quaternions wxyz of any length."""
     w, x, y, z = np.moveaxis(normalize_quaternions(quats), -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -27,7 +27,7 @@ def matrix_from_quaternion(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 
 
 
 def quaternion_from_matrix(matrices: Float[ndarray, "*n 3 3"]) -> Float[ndarray, "*n 4"]:
-    """Unit quaternions wxyz (w ≥ 0) from rotation matrices, by the largest of the four candidates."""
+    """Compute unit quaternions wxyz (w ≥ 0) from rotation matrices, by the largest of the four candidates."""
     m = np.asarray(matrices)
     r = {(i, j): m[..., i, j] for i in range(3) for j in range(3)}
     trace = r[0, 0] + r[1, 1] + r[2, 2]
@@ -47,19 +47,19 @@ def quaternion_from_matrix(matrices: Float[ndarray, "*n 3 3"]) -> Float[ndarray,
 
 
 def build_multiplication_matrices(left: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4 4"]:
-    """Matrices M with M @ right = left x right (Hamilton product)."""
+    """Build matrices M with M @ right = left x right (Hamilton product)."""
     w, x, y, z = np.moveaxis(left, -1, 0)
     rows = [[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def multiply_quaternions(left: Float[ndarray, "*n 4"], right: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
-    """Hamilton product: rotate by `right`, then by `left`."""
+    """Compute the Hamilton product, which rotates by `right`, then by `left`."""
     return np.einsum("...ij,...j->...i", build_multiplication_matrices(left), right)
 
 
 def slerp(start: Float[ndarray, "4"], end: Float[ndarray, "4"], fraction: float) -> Float[ndarray, "4"]:
-    """Spherical interpolation along the shorter arc; `fraction` 0 gives `start`, 1 gives `end`."""
+    """Interpolate spherically along the shorter arc; `fraction` 0 gives `start`, 1 gives `end`."""
     start, end = normalize_quaternions(start), normalize_quaternions(end)
     cosine = float(start @ end)
     if cosine < 0:

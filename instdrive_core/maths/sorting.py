@@ -48,8 +48,8 @@ def sort_in_parallel(depths: Float32[ndarray, " n"], workspace: Workspace) -> In
     base = int(lowest[kept > 0].min())
     digits = _choose_digits(base, int(highest.max()))
     first = np.concatenate([np.zeros(1, np.int64), np.cumsum(kept)])
-    rows, half_rows = (workspace.array(f"order {name}", (total,), np.int32) for name in "ab")
-    keys, half_keys = (workspace.array(f"order keys {name}", (total,), np.uint32) for name in "ab")
+    rows, half_rows = (workspace.get_array(f"order {name}", (total,), np.int32) for name in "ab")
+    keys, half_keys = (workspace.get_array(f"order keys {name}", (total,), np.uint32) for name in "ab")
     counters = np.zeros((_CHUNKS, 1 << digits), np.int32)
     _compact(depths, np.float32(0), np.uint32(base), first, rows, keys, counters)
     _turn_into_cursors(counters)
@@ -86,7 +86,7 @@ def _sort(depths, near):
 @numba.njit(cache=True, nogil=True)
 @no_type_check
 def _choose_digits(low, high):
-    """Half the number of bits, rounded up, that keys from 0 to `high` - `low` have; at least 1."""
+    """Choose a digit's bits: half of those that keys from 0 to `high` - `low` have, rounded up; at least 1."""
     bits, rest = 0, high - low
     while rest > 0:
         bits, rest = bits + 1, rest >> 1
@@ -108,7 +108,7 @@ def _turn_into_cursors(counters):
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def _survey_chunk(depths, near, start, stop):
-    """Number of depths that count, and the least and the greatest of their bits."""
+    """Count the depths that matter; returns their number, and the least and the greatest of their bits."""
     bits = depths.view(np.uint32)
     number, low, high = np.int64(0), np.int64(0xFFFFFFFF), np.int64(0)
     for row in range(start, stop):

@@ -15,17 +15,20 @@ REST_COUNTS = (0, 3, 8, 15)
 
 
 def dc_from_color(colors: Float[ndarray, "*n 3"]) -> Float[ndarray, "*n 3"]:
-    """The constant coefficient that shows `colors` ([0, 1]) from everywhere."""
+    """Compute the constant coefficients that show `colors` ([0, 1]) from everywhere."""
     return (colors - 0.5) / Y0
 
 
 def color_from_dc(sh_dc: Float[ndarray, "*n 3"]) -> Float[ndarray, "*n 3"]:
-    """The view-independent colour; may leave [0, 1]."""
+    """Compute the view-independent colour, which may leave [0, 1]."""
     return 0.5 + Y0 * sh_dc
 
 
 def evaluate_rest_basis(directions: Float[ndarray, "n 3"], count: int) -> Float[ndarray, "n {count}"]:
-    """The first `count` (0, 3, 8 or 15) basis values above the constant, for unit directions camera → Gaussian."""
+    """Evaluate the first `count` (0, 3, 8 or 15) basis functions above the constant.
+
+    `directions` are unit vectors from the camera to the Gaussian.
+    """
     x, y, z = directions.T
     xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
     values = [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
@@ -55,7 +58,7 @@ def evaluate_rest_basis(directions: Float[ndarray, "n 3"], count: int) -> Float[
 def evaluate_view_colors(
     sh_dc: Float[ndarray, "n 3"], sh_rest: Float[ndarray, "n k 3"], directions: Float[ndarray, "n 3"]
 ) -> Float[ndarray, "n 3"]:
-    """RGB (≥ 0) of each Gaussian seen along its unit direction camera → Gaussian."""
+    """Evaluate the RGB (≥ 0) of each Gaussian seen along its unit direction camera → Gaussian."""
     colors = color_from_dc(sh_dc)
     if sh_rest.shape[1]:
         colors = colors + np.einsum("nk,nkc->nc", evaluate_rest_basis(directions, sh_rest.shape[1]), sh_rest)

@@ -1,4 +1,4 @@
-"""Memory kept from frame to frame: pages that are new to the process cost more than what fills them."""
+"""Memory kept from frame to frame: new pages of a process cost more than filling them."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class Workspace:
     def __init__(self) -> None:
         self._buffers: dict[str, ndarray] = {}
 
-    def array(self, name: str, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> ndarray:
-        """An array of this shape, C-contiguous, that begins with a cache line; its contents are undefined."""
+    def get_array(self, name: str, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> ndarray:
+        """Get a C-contiguous array of this shape that begins with a cache line; its contents are undefined."""
         count, buffer = math.prod(shape), self._buffers.get(name)
         if buffer is None or len(buffer) < count or buffer.dtype != np.dtype(dtype):
             buffer = self._buffers[name] = _allocate_aligned(count + count // _SPARE, np.dtype(dtype))
         return buffer[:count].reshape(shape)
 
-    def size(self, name: str) -> int:
-        """How many entries there is room for under this name, 0 where it was never asked for."""
+    def get_size(self, name: str) -> int:
+        """Get the number of entries that fit under this name, 0 where it was never asked for."""
         buffer = self._buffers.get(name)
         return 0 if buffer is None else len(buffer)
 

@@ -1,4 +1,4 @@
-"""A history as a series of differences: what an autosave journal holds, and how it is read back.
+"""The history as a series of differences: what an autosave journal holds, and how it is read back.
 
 A line says how many edits of the list before it are kept, which follow, and how many of all are done. An undo is a
 cursor, a slider's drag the last value that was written, and nothing has to be undone or redone to read it.
@@ -83,19 +83,19 @@ class ReadLog:
         """So many of the edits were done when the document was saved; None = no file holds it. Raises ValueError."""
         if done is not None and not (type(done) is int and 0 <= done <= len(self.entries)):
             raise ValueError(f"a line says that {done!r} of {len(self.entries)} edits were saved")
-        self._saved = None if done is None else self._work(done)
+        self._saved = None if done is None else self._list_work(done)
 
     @property
     def unsaved(self) -> int:
         """How many changes no file holds: edits done since, and saved ones that were undone; selecting is none."""
-        work = set(self._work(self.cursor))
+        work = set(self._list_work(self.cursor))
         return len(work if self._saved is None else work ^ set(self._saved))
 
     def unpack_entries(self) -> list[Any]:
         """The edits as `Edit.to_json` gave them."""
         return [unpack_lists(entry, _from_text) for entry in self.entries]
 
-    def _work(self, done: int) -> list[int]:
+    def _list_work(self, done: int) -> list[int]:
         numbered = zip(self._numbers[:done], self.entries[:done], strict=True)
         return [number for number, entry in numbered if not EDIT_KINDS[entry["kind"]].selects_only]
 

@@ -22,7 +22,7 @@ from instdrive_core.formats.read_back import save_and_verify
 from instdrive_core.progress import CancelledError, report_span
 
 BAKING = 0.25
-"""Of the time that baking and saving take together."""
+"""Baking's share of the time that baking and saving take together."""
 LISTING = "instances.json"
 """Written last, so that a folder without it is unfinished."""
 POSES_SUFFIX = ".poses.json"
@@ -31,10 +31,10 @@ _NAME_LENGTH = 40
 
 @dataclass(frozen=True)
 class ExportedParts:
-    """What was written into a folder."""
+    """Files that were written into a folder."""
 
     files: tuple[Path, ...]
-    """Of splats."""
+    """Files of splats."""
     splats: int
     skipped: int
     """Instances of which nothing is there at the time."""
@@ -139,9 +139,9 @@ def _write_each(folder: Path, numbers: Sequence[int], write: Callable[[int], tup
         except CancelledError:
             raise
         except InstDriveError as error:
-            told = f"{len(written)} of {len(numbers)} files were written before"
+            written_before = f"{len(written)} of {len(numbers)} files were written before"
             if isinstance(error, DataError):
-                raise DataError(error.path, f"{error.problem}; {told}", error.remedy) from error
+                raise DataError(error.path, f"{error.problem}; {written_before}", error.remedy) from error
             raise
         if done is not None:
             written.append(done)

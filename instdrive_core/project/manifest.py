@@ -25,7 +25,7 @@ class OtherVersionError(ValueError):
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a project says of itself."""
+    """The manifest of a project."""
 
     program: str
     """Version of the program that saved it."""
@@ -39,7 +39,7 @@ class Manifest:
     cursor: int
     """How many of them are done."""
     check: DocumentCheck
-    """Of the document when it was saved."""
+    """Checksums of the document when it was saved."""
     members: tuple[str, ...]
     """All other members of the archive."""
 

@@ -36,9 +36,9 @@ class OpenedProject:
 
     document: Document
     view: dict[str, Any] | None
-    """As it was handed to `save_project`."""
+    """The view that was handed to `save_project`."""
     notes: tuple[str, ...] = ()
-    """What is not as it was, in sentences for the user; edits left out among them."""
+    """Sentences for the user about what differs from the saved state, such as edits left out."""
 
 
 def open_document(

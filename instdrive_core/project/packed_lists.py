@@ -40,7 +40,7 @@ def pack_lists(value: Any, keep: Callable[[Numbers], Any]) -> Any:
         return {_KEY: keep(np.stack([value.starts, value.lengths], axis=1))} if is_long else value.to_json()
     if not isinstance(value, list | tuple):
         return value
-    numbers = _numbers(value) if len(value) >= LONG else None
+    numbers = _find_numbers(value) if len(value) >= LONG else None
     return [pack_lists(part, keep) for part in value] if numbers is None else {_KEY: keep(numbers)}
 
 
@@ -55,7 +55,7 @@ def unpack_lists(entry: Any, find: Callable[[Any], Numbers]) -> Any:
     return {key: unpack_lists(value, find) for key, value in entry.items()}
 
 
-def _numbers(values: list[Any] | tuple[Any, ...]) -> Numbers | None:
+def _find_numbers(values: list[Any] | tuple[Any, ...]) -> Numbers | None:
     kinds = set(map(type, values))
     if kinds <= {list, tuple}:
         kinds = {type(value) for row in values for value in row}

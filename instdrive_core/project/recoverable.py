@@ -1,4 +1,4 @@
-"""What editors that died have left, for the next one to offer."""
+"""Sessions of editors that died, for the next editor to offer."""
 
 from __future__ import annotations
 

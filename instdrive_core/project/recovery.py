@@ -49,7 +49,7 @@ class Recovery:
         self._replaced, self._is_announced = restored, False
         self._changed = threading.Condition()
         """Guards all below."""
-        self._wanted = self._now()
+        self._wanted = self._capture_history()
         self._marks: list[dict[str, Any]] = [{"saved": None if restored else self._wanted.cursor}]
         """Lines to be written after the history."""
         self._behind, self._ending = True, False
@@ -57,7 +57,7 @@ class Recovery:
         """Why nothing can be written now."""
         self._failures = 0
         self._problem: DataError | None = None
-        """The same, until it was told."""
+        """The failure that `take_problem` has not returned yet."""
         self._thread = threading.Thread(target=self._run, name="autosave", daemon=True)
 
     @classmethod
@@ -84,20 +84,20 @@ class Recovery:
         return recovery
 
     def record(self) -> None:
-        """Tell that the document may have changed: after each edit, undo, redo and jump, or once a frame.
+        """Note that the document may have changed: call it after each edit, undo, redo and jump, or once a frame.
 
-        Takes microseconds; the thread finds out what is new. What the disk refuses is told by `take_problem`.
+        Takes microseconds; the thread finds out what is new. `take_problem` returns what the disk refused.
         """
         with self._changed:
-            now = self._now()
+            now = self._capture_history()
             if now != self._wanted:
                 self._wanted = now
                 self._wake()
 
     def mark_saved(self, path: str | Path, state: ProjectState) -> None:
-        """Tell that `state` of the document was written to `path`, which names the session from now on."""
+        """Note that `state` of the document was written to `path`, which names the session from now on."""
         with self._changed:
-            self._wanted = self._now()
+            self._wanted = self._capture_history()
             done = state.edits[: state.cursor]
             # Undone and edited on meanwhile, the saved state may be none that the journal knows: nothing is saved then.
             is_known = count_shared_edits(done, self._wanted.edits) == len(done)
@@ -120,7 +120,7 @@ class Recovery:
             return problem
 
     def end(self) -> None:
-        """The document is closed, by the user's will: nothing is left to recover. Done twice, it changes nothing."""
+        """End the session, as the user closed the document: nothing is left to recover. A second call does nothing."""
         self._stop()
         remove_session(self.folder)
         self._lock.release()
@@ -135,7 +135,7 @@ class Recovery:
             self._thread.join()
         self._journal.close()
 
-    def _now(self) -> LoggedHistory:
+    def _capture_history(self) -> LoggedHistory:
         return LoggedHistory(self._document.history.edits, self._document.history.cursor)
 
     def _wake(self) -> None:

@@ -1,4 +1,4 @@
-"""Doing kept edits again on the scene that they were made for."""
+"""Replaying kept edits on the scene that they were made for."""
 
 from __future__ import annotations
 

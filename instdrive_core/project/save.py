@@ -31,7 +31,7 @@ ARRAY = "values"
 
 @dataclass(frozen=True)
 class ProjectState:
-    """What a project file keeps, taken at one moment: it can be written while the document is edited on."""
+    """The content of a project file, taken at one moment: it can be written while the user goes on editing."""
 
     edits: tuple[Edit, ...]
     cursor: int

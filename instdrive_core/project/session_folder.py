@@ -31,10 +31,10 @@ _ATTEMPTS = 200
 
 @dataclass(frozen=True)
 class ReadSession:
-    """What a folder tells of a session."""
+    """A session as its folder describes it."""
 
     path: Path
-    """What the user opened, or saved to since: a scene or a project."""
+    """Scene or project that the user opened, or saved to since."""
     base: RecordedSource
     inserted: dict[str, RecordedSource]
     log: ReadLog
@@ -66,7 +66,7 @@ def write_session(folder: Path, path: Path, base: RecordedSource) -> None:
 
 
 def read_session(folder: Path) -> ReadSession:
-    """What can be recovered from a folder: edits up to the first line that is torn. Raises DataError."""
+    """Read the session of a folder: edits up to the first torn line. Raises DataError."""
     try:
         entry = parse_bounded_json(require_plain_file(folder / SESSION).read_bytes())
         if (entry["format"], entry["version"]) != (FORMAT_NAME, FORMAT_VERSION):

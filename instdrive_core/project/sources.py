@@ -1,4 +1,4 @@
-"""Where a document's splats come from: its base scene and the files that edits insert, each with what it held."""
+"""Sources of a document's splats: its base scene and the files that edits insert, each with a digest."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class RecordedSource:
     """A scene as a project names it."""
 
     relative: str
-    """From the project's folder, with ``/``; empty where there is no such path."""
+    """Path from the project's folder, with ``/``; empty where there is none."""
     absolute: str
     identity: FileIdentity
     keep_every: int = 1
-    """As of `SceneSource`: edits name the splats that were opened."""
+    """k where only every k-th splat was opened: edits name the splats that were opened."""
 
     def list_places(self, project: Path) -> list[Path]:
         """Where it may be, the likeliest first: beside the project as before, where it was, or in its folder."""
@@ -77,7 +77,7 @@ def is_source(path: Path, document: Document) -> bool:
 
 
 class RecordedScenes:
-    """The same while a project's edits are done again: what it recorded is looked for, and must be what it was.
+    """How a project's edits open files while they are done again: recorded files must hold what they held.
 
     Args:
         recorded: by the names that edits give them.
@@ -99,7 +99,7 @@ class RecordedScenes:
 
 
 def get_sources(document: Document) -> SceneSources:
-    """Where a document comes from. Raises DataError where it was not opened by `open_document`."""
+    """The sources of a document. Raises DataError where `open_document` did not open it."""
     if isinstance(document.open_scene, SceneSources):
         return document.open_scene
     raise DataError(
@@ -128,7 +128,7 @@ def open_scene_source(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSour
 
 
 def _open_whole(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSource]:
-    """As `open_scene_source`; where it is too large, no smaller part is offered, as edits name the splats they mean."""
+    """Open a scene, but offer no smaller part of one that is too large: edits name the splats they mean."""
     try:
         return open_scene_source(path, keep_every)
     except SceneTooLargeError as error:

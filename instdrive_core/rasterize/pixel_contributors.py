@@ -43,26 +43,6 @@ class Contributors:
         )
 
 
-def find_pixel_contributors(
-    means: Float[ndarray, "n 3"],
-    quats: Float[ndarray, "n 4"],
-    log_scales: Float[ndarray, "n 3"],
-    opacities: Float[ndarray, " n"],
-    camera: Camera,
-    x: int,
-    y: int,
-    settings: RasterSettings = DEFAULT_SETTINGS,
-) -> Contributors:
-    """Find what `render` blends at pixel (column x, row y).
-
-    Raises:
-        ValueError: the pixel is outside the image.
-    """
-    near = find_rows_near_pixel(means, log_scales, opacities, camera, x, y, settings)
-    shape = means[near], quats[near], log_scales[near], opacities[near]
-    return find_fragments_among(near, *shape, camera, x, y, settings).blended
-
-
 def find_fragments_among(
     near: Int64[ndarray, " k"],
     means: Float[ndarray, "k 3"],

@@ -1,4 +1,4 @@
-"""Which of many boxes a point lies in."""
+"""Finding which of many boxes a point lies in."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ def find_box_of_points(
     margin: float = 0.0,
     bottom: float | None = None,
 ) -> Int32[ndarray, " n"]:
-    """Number of the last box that holds each point, -1 where none does.
+    """Find the number of the last box that holds each point, -1 where none does.
 
-    Boxes are grown as by `scene.track.find_points_inside`: by `margin` metres, at the lower face by `bottom` if given. The
-    interpreter's lock is released while it searches.
+    Boxes are grown as by `scene.track.find_points_inside`: by `margin` metres, at the lower face by `bottom` if given.
+    The interpreter's lock is released while it searches.
     """
     half = np.asarray(dimensions, np.float64).reshape(-1, 3) / 2
     lower, upper = -half - margin, half + margin

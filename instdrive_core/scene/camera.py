@@ -38,22 +38,22 @@ class Camera:
 
     @property
     def intrinsics(self) -> Float64[ndarray, "3 3"]:
-        """The matrix K."""
+        """The intrinsic matrix K, in pixels."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
 
     def resize(self, width: int, height: int) -> Camera:
-        """The same view on another raster."""
+        """Return this view with another picture size in pixels."""
         sx, sy = width / self.width, height / self.height
         return replace(
             self, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy, width=width, height=height
         )
 
     def scale(self, factor: float) -> Camera:
-        """The same view at `factor` times the resolution, rounded to whole pixels."""
+        """Return this view at `factor` times the resolution, rounded to whole pixels."""
         return self.resize(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
 
     def project(self, points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "n 2"], Float64[ndarray, " n"]]:
-        """Pixel coordinates and depths (z, metres) of world points; points at z ≤ 0 project to meaningless pixels."""
+        """Project world points to pixel coordinates and depths (z, metres); pixels of points at z ≤ 0 mean nothing."""
         matrix = self.camera_from_world
         local = points @ matrix[:3, :3].T + matrix[:3, 3]
         depth = local[:, 2]
@@ -61,13 +61,13 @@ class Camera:
         pixels = local[:, :2] / safe[:, None] * [self.fx, self.fy] + [self.cx, self.cy]
         return pixels, depth
 
-    def ray_directions(self) -> Float64[ndarray, "h w 3"]:
-        """Unit viewing directions in the world through all pixel centres."""
+    def compute_ray_directions(self) -> Float64[ndarray, "h w 3"]:
+        """Compute the unit viewing directions in the world through all pixel centres."""
         pixels = np.arange(self.width * self.height)
-        return self.rays_of_pixels(pixels).reshape(self.height, self.width, 3)
+        return self.compute_pixel_rays(pixels).reshape(self.height, self.width, 3)
 
-    def rays_of_pixels(self, pixels: Int[ndarray, " p"]) -> Float64[ndarray, "p 3"]:
-        """Unit viewing directions in the world through some pixels' centres; `pixels` are flat row-major indices."""
+    def compute_pixel_rays(self, pixels: Int[ndarray, " p"]) -> Float64[ndarray, "p 3"]:
+        """Compute unit viewing directions in the world through pixels' centres, given flat row-major indices."""
         rows = pixels // self.width
         x = (pixels - rows * self.width + 0.5 - self.cx) / self.fx
         y = (rows + 0.5 - self.cy) / self.fy
@@ -77,7 +77,7 @@ class Camera:
 
 
 def look_at(position: Float[ndarray, "3"], target: Float[ndarray, "3"]) -> Float64[ndarray, "4 4"]:
-    """world_from_camera of a camera at `position` that looks at `target`, world z up."""
+    """Compute world_from_camera of a camera at `position` that looks at `target`, world z up."""
     up = np.array([0.0, 0.0, 1.0])
     forward = np.asarray(target, float) - position
     forward /= np.linalg.norm(forward)

@@ -1,4 +1,4 @@
-"""Which rows of a per-splat array must be uploaded again."""
+"""Rows of a per-splat array that must be uploaded again."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class DirtyRows:
         self._serial = 1
 
     def touch(self, start: int, stop: int) -> None:
-        """Tell every reader of rows `start` … `stop` - 1."""
+        """Mark rows `start` … `stop` - 1 as dirty for every reader."""
         self._serial += 1
         self._log.append((self._serial, start, stop))
         if len(self._log) > _REMEMBERED:
@@ -30,12 +30,12 @@ class DirtyRows:
         clipped = ((serial, start, min(stop, count)) for serial, start, stop in self._log)
         self._log = [entry for entry in clipped if entry[1] < entry[2]]
 
-    def reader(self) -> DirtyReader:
-        """A reader of its own; to it all rows are dirty at first."""
+    def create_reader(self) -> DirtyReader:
+        """Create a reader, to which all rows are dirty at first."""
         return DirtyReader(self)
 
-    def since(self, serial: int) -> tuple[tuple[int, int] | None, int]:
-        """The range that holds all rows touched after `serial` (0 = from the beginning), and the present serial."""
+    def collect_since(self, serial: int) -> tuple[tuple[int, int] | None, int]:
+        """Collect the range of all rows touched after `serial` (0 = from the beginning), and the present serial."""
         newer = [(start, stop) for number, start, stop in self._log if number > serial and start < stop]
         if not newer:
             return None, self._serial
@@ -49,6 +49,6 @@ class DirtyReader:
         self._rows, self._serial = rows, 0
 
     def take(self) -> tuple[int, int] | None:
-        """The range ``(start, stop)`` that holds all rows touched since this reader's last call, or None."""
-        taken, self._serial = self._rows.since(self._serial)
+        """Take the range ``(start, stop)`` that holds all rows touched since this reader's last call, or None."""
+        taken, self._serial = self._rows.collect_since(self._serial)
         return taken

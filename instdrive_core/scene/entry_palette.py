@@ -25,7 +25,7 @@ class EntryPalette(PerSplatArray):
     """
 
     name = "palette"
-    """What errors call it."""
+    """Name in error messages."""
 
     def __init__(self, count: int, identity: Float[ndarray, " w"]) -> None:
         super().__init__(count, np.uint16)
@@ -48,14 +48,14 @@ class EntryPalette(PerSplatArray):
         return len(self._keys)
 
     def add_values(self, values: Float[ndarray, " w"]) -> int:
-        """The index of an entry with these values: an equal one where there is one, else a new one.
+        """Find the index of an entry with these values; adds a new entry where none is equal.
 
         Raises PaletteFullError where all 65,536 entries are taken.
         """
         return self.add_all(values[None])[0]
 
     def add_all(self, values: Float[ndarray, "k w"]) -> list[int]:
-        """As `add_values` for one entry after another. Raises PaletteFullError, with nothing added, where one fails."""
+        """Find or add entries, one after another. Raises PaletteFullError, with nothing added, if they do not fit."""
         values = np.ascontiguousarray(values, self._values.dtype)
         data, width, size = values.tobytes(), values.itemsize * values.shape[1], len(self._keys)
         found, fresh = [], []

@@ -1,4 +1,4 @@
-"""How bright and how tinted each photo came out, against the colours of the scene."""
+"""Brightness and tint of each photo, compared with the colours of the scene."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Exposures:
     """
 
     keys: tuple[str, ...]
-    """Of the photos, ``camera_name/NN``; each once."""
+    """Keys of the photos, ``camera_name/NN``; each once."""
     times: Float64[ndarray, " v"]
-    """Of the photos, seconds."""
+    """Times of the photos, seconds."""
     matrices: Float32[ndarray, "v 3 4"]
 
     def __post_init__(self) -> None:
@@ -34,9 +34,11 @@ class Exposures:
             if not (np.isfinite(time) and np.isfinite(matrix).all()):
                 raise ValueError(f"the exposure of photo {key} is not finite")
 
-    def at(self, camera_name: str, time: float) -> Float32[ndarray, "3 4"]:
-        """Exposure of a camera at `time` (seconds): a photo's own at its time, else linear between the camera's
-        neighbouring photos, clamped at the ends; the identity for a camera without photos."""
+    def interpolate(self, camera_name: str, time: float) -> Float32[ndarray, "3 4"]:
+        """Interpolate a camera's exposure at `time` (seconds), linearly between its photos and clamped at the ends.
+
+        A camera without photos has the identity.
+        """
         rows = np.array([row for row, key in enumerate(self.keys) if parse_photo_camera(key) == camera_name], np.int64)
         if not len(rows):
             return create_identity_exposure()
@@ -47,15 +49,15 @@ class Exposures:
 
 
 def parse_photo_camera(key: str) -> str:
-    """The camera's name in a photo's key ``camera_name/NN``."""
+    """Parse the camera's name in a photo's key ``camera_name/NN``."""
     return key.rpartition("/")[0]
 
 
 def create_identity_exposure() -> Float32[ndarray, "3 4"]:
-    """The exposure that changes nothing."""
+    """Create the exposure that changes nothing."""
     return np.eye(3, 4, dtype=np.float32)
 
 
 def apply_exposure(image: Float32[ndarray, "h w 3"], exposure: Float32[ndarray, "3 4"]) -> Float32[ndarray, "h w 3"]:
-    """The image as a photo with this exposure shows it; not clamped."""
+    """Change an image's colours to those of a photo with this exposure; not clamped."""
     return image @ exposure[:, :3].T + exposure[:, 3]

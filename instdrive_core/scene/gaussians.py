@@ -48,12 +48,12 @@ class Gaussians:
 
     @property
     def sh_degree(self) -> int:
-        """0 … 3."""
+        """SH degree, 0 … 3."""
         return REST_COUNTS.index(self.sh_rest.shape[1])
 
     @property
     def opacities(self) -> Float32[ndarray, " n"]:
-        """In (0, 1)."""
+        """Opacities in (0, 1)."""
         return sigmoid(self.opacity_logits)
 
     @property
@@ -62,25 +62,25 @@ class Gaussians:
         return np.exp(self.log_scales)
 
     def arrays(self) -> dict[str, ndarray]:
-        """Every array by its name, not copied."""
+        """Return every array by its name, not copied."""
         return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
     def select(self, rows: ndarray | slice) -> Gaussians:
-        """The Gaussians of an index array, mask or slice."""
+        """Select the Gaussians of an index array, mask or slice."""
         return Gaussians(**{name: array[rows] for name, array in self.arrays().items()})
 
     def copy(self) -> Gaussians:
-        """A deep copy."""
+        """Copy all arrays."""
         return Gaussians(**{name: array.copy() for name, array in self.arrays().items()})
 
 
 def concatenate_gaussians(parts: list[Gaussians]) -> Gaussians:
-    """All parts in order; SH degree and feature dimension must agree."""
+    """Join parts in order; their SH degrees and feature dimensions must agree."""
     names = [entry.name for entry in fields(Gaussians)]
     return Gaussians(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def create_empty_gaussians(sh_rest_count: int = 0, feature_dim: int = 0) -> Gaussians:
-    """No Gaussians, with the given column counts."""
+    """Create zero Gaussians with the given column counts."""
     shapes = [(0, 3), (0, 4), (0, 3), (0,), (0, 3), (0, sh_rest_count, 3), (0, feature_dim)]
     return Gaussians(*(np.zeros(shape, np.float32) for shape in shapes))

@@ -17,7 +17,7 @@ MIN_STEP = 0.05
 def estimate_travel_direction(
     paths: Sequence[Float[ndarray, "t 3"]], near: Float[ndarray, "3"]
 ) -> Float64[ndarray, "3"] | None:
-    """Horizontal unit direction of the drive past `near`; None where nothing drove.
+    """Estimate the horizontal unit direction of the drive past `near`; None where nothing drove.
 
     Args:
         paths: each camera's positions in the order of time, metres.
@@ -39,7 +39,10 @@ def estimate_travel_direction(
 
 
 def estimate_street_direction(points: Float[ndarray, "n 3"], near: Float[ndarray, "3"]) -> Float64[ndarray, "3"] | None:
-    """Horizontal unit direction along which points within twice `NEAR` metres extend most; None for fewer than two."""
+    """Estimate the horizontal unit direction in which points within twice `NEAR` metres extend most.
+
+    None for fewer than two points.
+    """
     offsets = points[:, :2] - np.asarray(near, points.dtype)[:2]
     close = offsets[(offsets**2).sum(axis=1) < (2 * NEAR) ** 2].astype(np.float64)
     if len(close) < 2:

@@ -1,4 +1,4 @@
-"""What is odd about a scene's splats: values that break programs, and splats that nobody will ever see."""
+"""Defects of a scene's splats: values that break programs, and splats that nobody will ever see."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DefectKind = Literal[
 ]
 
 HARMFUL: tuple[DefectKind, ...] = ("not_finite", "zero_quaternion", "giant_scale", "far_outlier")
-"""What shows, or breaks programs; the other kinds only waste memory."""
+"""Kinds that show, or break programs; the others only waste memory."""
 
 VISIBLE_OPACITY = 1 / 255
 """Rasterizers pass over what covers less than one step of an 8-bit picture (Kerbl et al. 2023)."""
@@ -35,7 +35,7 @@ CHUNK_ROWS = 65536
 
 @dataclass(frozen=True)
 class Defect:
-    """One kind of oddity."""
+    """All splats with one kind of defect."""
 
     kind: DefectKind
     what: str
@@ -63,7 +63,7 @@ _PLURALS = {"has": "have", "holds": "hold", "is": "are", "lies": "lie", "repeats
 
 
 def find_defects(scene: Scene) -> tuple[Defect, ...]:
-    """Everything odd about a scene, the most harmful first; nothing is changed.
+    """Find the defects of a scene, the most harmful first; nothing is changed.
 
     Infinite opacity logits are opacities of exactly 0 or 1 and are no fault. Extents are measured on the background
     only: actors lie in frames of their own.

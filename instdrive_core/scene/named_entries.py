@@ -1,4 +1,4 @@
-"""Which palette entries groups of rows name: in one walk over the rows, however many groups there are."""
+"""Finding the palette entries that groups of rows name, in one walk over the rows for any number of groups."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class NamedEntries(NamedTuple):
 def find_named_entries(
     indices: UInt16[ndarray, " n"], rows: Int64[ndarray, " m"], bounds: Int64[ndarray, " p"], size: int
 ) -> NamedEntries:
-    """The entries that rows name, of a palette of `size` entries; part k of the rows begins at ``bounds[k]``."""
+    """Find the entries that rows name, of a palette of `size`; part k of the rows begins at ``bounds[k]``."""
     return NamedEntries(*_find_pairs(indices, rows, bounds, size))
 
 

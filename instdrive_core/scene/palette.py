@@ -68,7 +68,7 @@ def pack_color_entry(
     base: Float[ndarray, "3 4"] | None = None,
     adjusted: Float[ndarray, " a"] | None = None,
 ) -> Float32[ndarray, " w"]:
-    """An entry as it is stored: [A | b] row by row, the opacity factor, the base, the adjustments.
+    """Pack an entry as it is stored: [A | b] row by row, the opacity factor, the base, the adjustments.
 
     Without `base` and `adjusted` the colours count as not adjusted: the base is the matrix itself.
     """
@@ -82,7 +82,7 @@ def pack_color_entries(
     bases: Float[ndarray, "k 3 4"] | None = None,
     adjusted: Float[ndarray, "k a"] | None = None,
 ) -> Float32[ndarray, "k w"]:
-    """`pack_color_entry` of k entries."""
+    """Pack k entries as `pack_color_entry` packs one."""
     count = len(matrices)
     bases = matrices if bases is None else bases
     adjusted = np.zeros((count, ADJUSTMENTS)) if adjusted is None else adjusted
@@ -93,7 +93,7 @@ def pack_color_entries(
 def bake_colors(
     gaussians: Gaussians, palette: ColorPalette, rows: Int[ndarray, " m"]
 ) -> tuple[Float32[ndarray, "m 3"], Float32[ndarray, "m k 3"], Float32[ndarray, " m"]]:
-    """sh_dc, sh_rest and opacity_logits of `rows` with their palette entries applied.
+    """Compute sh_dc, sh_rest and opacity_logits of `rows` with their palette entries applied.
 
     dc' = (A (0.5 + Y0 dc) + b - 0.5) / Y0 and rest' = A rest, so the baked splat shows A c + b from everywhere.
     An opacity factor of 1 keeps the logit's bits.

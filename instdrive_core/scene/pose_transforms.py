@@ -1,4 +1,4 @@
-"""What is in a scene beside its splats, turned, scaled and shifted with them."""
+"""Turning, scaling and shifting what a scene holds beside its splats: poses, tracks, cameras, sky and boxes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from instdrive_core.scene.transforms import Similarity, extract_scale
 
 
 def transform_pose(pose: Float[ndarray, "*n 4 4"], matrix: Similarity) -> Float[ndarray, "*n 4 4"]:
-    """Rigid poses after [s R | t]: the frames are turned and go along, their own unit stays a metre."""
+    """Transform rigid poses by [s R | t]: frames are turned and moved, their own unit stays a metre."""
     result = pose.copy()
     result[..., :3, :3] = matrix[:, :3] / extract_scale(matrix) @ pose[..., :3, :3]
     result[..., :3, 3] = pose[..., :3, 3] @ matrix[:, :3].T + matrix[:, 3]
@@ -24,32 +24,32 @@ def transform_pose(pose: Float[ndarray, "*n 4 4"], matrix: Similarity) -> Float[
 
 
 def transform_track(track: Track, matrix: Similarity) -> Track:
-    """The whole drive after [s R | t], and a box that is s times as large."""
+    """Transform a track by [s R | t]: all its poses, and a box that becomes s times as large."""
     poses = transform_pose(track.world_from_box, matrix)
     return replace(track, world_from_box=poses, dimensions=track.dimensions * extract_scale(matrix))
 
 
 def transform_view(view: CameraView, matrix: Similarity) -> CameraView:
-    """A photo's camera after [s R | t]: of a scene that went along it sees the same picture."""
+    """Transform a photo's camera by [s R | t]; it sees the same picture of a scene that is transformed with it."""
     return replace(
         view, camera=replace(view.camera, world_from_camera=transform_pose(view.camera.world_from_camera, matrix))
     )
 
 
 def rotate_sky(sky: Sky, rotation: Float[ndarray, "3 3"]) -> Sky:
-    """The sky that shows along d what `sky` shows along Rᵀ d: exact for quarter turns, else sampled between texels."""
+    """Rotate a sky to show along d what it showed along Rᵀ d; exact for quarter turns, else sampled between texels."""
     directions = compute_texel_directions(sky.faces.shape[1])
     # Row by row, as d R = Rᵀ d.
-    return Sky(sky.colors(directions @ np.asarray(rotation, np.float64)))
+    return Sky(sky.sample(directions @ np.asarray(rotation, np.float64)))
 
 
 def transform_bounds(bounds: Bounds, matrix: Similarity) -> Bounds:
-    """The box around a box after [s R | t]; it fits as tightly as before where R is a quarter turn."""
+    """Compute the box around a box after [s R | t]; it fits as tightly as before where R is a quarter turn."""
     low, high = transform_boxes(np.array(bounds)[None], matrix)[0].tolist()
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
 def transform_boxes(boxes: Float[ndarray, "k 2 3"], matrix: Similarity) -> Float64[ndarray, "k 2 3"]:
-    """The same of many boxes, lower corners first."""
+    """Compute the boxes around many boxes after [s R | t]; each has its lower corner first."""
     spans = matrix[:, :3] * boxes[:, :, None]  # box, end of it, axis of the result, axis of the box
     return np.stack([spans.min(axis=1).sum(axis=2), spans.max(axis=1).sum(axis=2)], axis=1) + matrix[:, 3]

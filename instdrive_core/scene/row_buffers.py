@@ -15,7 +15,7 @@ _UNOWNED: WeakValueDictionary[int, ndarray] = WeakValueDictionary()
 
 
 def allocate_with_spare(shape: tuple[int, ...], dtype: DTypeLike) -> ndarray:
-    """An array to be filled that can grow without being copied: memory behind its end, which is taken when written."""
+    """Allocate an array that can grow without a copy: spare memory lies behind its end, taken only when written."""
     buffer = np.empty((shape[0] + shape[0] // SPARE_SHARE, *shape[1:]), dtype)
     _UNOWNED[id(buffer)] = buffer
     return buffer[: shape[0]]
@@ -28,7 +28,7 @@ class RowBuffers:
         self._buffers: dict[str, ndarray] = {}
 
     def extend(self, name: str, array: ndarray, tail: ndarray) -> ndarray:
-        """`array` with the rows of `tail` after it: a view of the same memory where it came from here and has room.
+        """Append the rows of `tail` to `array`; the result shares its memory where it came from here and has room.
 
         Views taken of a longer array before rows were dropped and others appended see the new rows.
         """

@@ -8,7 +8,7 @@ import numpy as np
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def exchange_values(numbers, rows, values):
-    """Write values, in place; returns what rows held before, and the bounds of the rows.
+    """Write values into rows, in place; returns what the rows held before, and their bounds.
 
     No row may be named twice. Raises IndexError, with nothing written, for a row that is not there.
     """

@@ -31,7 +31,7 @@ class Scene:
 
     gaussians: Gaussians
     instance_ids: UInt32[ndarray, " n"]
-    """0 = none. Sole writer: `edits/instances.py`."""
+    """0 = none. Sole writer: `edits/bases/relabel.py`."""
     codewords: UInt32[ndarray, " n"]
     """Written by training only."""
     nodes: UInt16[ndarray, " n"]
@@ -65,15 +65,15 @@ class Scene:
     def __len__(self) -> int:
         return len(self.gaussians)
 
-    def at(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
-        """The pose palette at `time` (s): world_from_node of background and actors, and which of them exist then."""
-        poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
+    def find_node_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+        """Find world_from_node of background and actors at `time` (s), and which of them exist then."""
+        poses = [np.eye(4), *(actor.interpolate_pose(time) for actor in self.actors)]
         present = [True, *(actor.covers(time) for actor in self.actors)]
         return np.stack(poses), np.array(present, np.uint8)
 
 
 def scene_from_gaussians(gaussians: Gaussians) -> Scene:
-    """A static scene without instances around bare Gaussians."""
+    """Make a static scene without instances of bare Gaussians."""
     count = len(gaussians)
     zeros = np.zeros(count, np.uint32)
     return Scene(gaussians, zeros, zeros.copy(), np.zeros(count, np.uint16))
@@ -85,7 +85,7 @@ def place_in_world(
     nodes: UInt16[ndarray, " n"],
     poses: Float64[ndarray, "m 4 4"],
 ) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n 4"]]:
-    """Means and quaternions in the world, given each row's node and the pose palette; background rows stay."""
+    """Place means and quaternions in the world, given each row's node and world_from_node; background rows stay."""
     moved = np.flatnonzero(nodes)
     if not len(moved):
         return means, quats
@@ -99,5 +99,5 @@ def place_in_world(
 
 
 def extract_node_rotations(poses: Float64[ndarray, "m 4 4"]) -> Float64[ndarray, "m 3 3"]:
-    """The rotation part of a pose palette, orthonormalised through quaternions."""
+    """Extract the rotations of poses, orthonormalised through quaternions."""
     return matrix_from_quaternion(quaternion_from_matrix(poses[:, :3, :3]))

@@ -11,7 +11,7 @@ from instdrive_core.scene.camera import Camera
 
 
 def rasterize_polygon(corners: Float[ndarray, "v 2"], width: int, height: int) -> Bool[ndarray, "h w"]:
-    """Pixels whose centres lie in the closed polygon with these corners (pixels; any winding, may cross itself).
+    """Rasterize a closed polygon: True where a pixel's centre lies inside. Corners in pixels; it may cross itself.
 
     What the outline runs around more than once is inside too (non-zero winding): a lasso has no holes.
     """
@@ -35,7 +35,7 @@ def rasterize_polygon(corners: Float[ndarray, "v 2"], width: int, height: int) -
 def find_points_in_region(
     points: Float32[ndarray, "n 3"], camera: Camera, region: Bool[ndarray, "h w"], near: float
 ) -> Bool[ndarray, " n"]:
-    """Whether each world point is projected into the region, from at least `near` metres before the camera.
+    """Find the world points that are projected into a region, from at least `near` metres before the camera.
 
     `region` has the camera's size. Not finite points are in no region.
     """

@@ -32,15 +32,15 @@ class SplatState(PerSplatArray):
 
     @property
     def flags(self) -> UInt8[ndarray, " n"]:
-        """A read-only view."""
+        """State byte of each splat, a read-only view."""
         return create_read_only_view(self._rows)
 
-    def rows_with(self, flag: Flag) -> Int[ndarray, " m"]:
-        """Rows that have any of the bits of `flag`."""
+    def find_rows(self, flag: Flag) -> Int[ndarray, " m"]:
+        """Find the rows that have any of the bits of `flag`."""
         return np.flatnonzero(self._rows & np.uint8(flag))
 
-    def mask(self, flag: Flag) -> Bool[ndarray, " n"]:
-        """Whether each row has any of the bits of `flag`."""
+    def find_mask(self, flag: Flag) -> Bool[ndarray, " n"]:
+        """Find for each row whether it has any of the bits of `flag`."""
         return (self._rows & np.uint8(flag)) != 0
 
     @property

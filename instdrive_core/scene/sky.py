@@ -17,15 +17,15 @@ class Sky:
     faces: Float32[ndarray, "6 r r 3"]
     """RGB in [0, 1]; row v and column u grow with the face's second and first tangent axis (see `find_cube_taps`)."""
 
-    def colors(self, directions: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
-        """Bilinear colour along world directions of any length."""
+    def sample(self, directions: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
+        """Sample the colours along world directions of any length, bilinearly."""
         indices, weights = find_cube_taps(directions.reshape(-1, 3), self.faces.shape[1])
         taken = self.faces.reshape(-1, 3)[indices]
         return np.einsum("nk,nkc->nc", weights, taken).reshape(*directions.shape[:-1], 3)
 
 
 def compute_texel_directions(resolution: int) -> Float64[ndarray, "6 {resolution} {resolution} 3"]:
-    """World directions, of lengths from 1 to √3, through the middles of all texels, in the order of `Sky.faces`."""
+    """Compute world directions, of lengths 1 to √3, through the middles of all texels in the order of `Sky.faces`."""
     across = (np.arange(resolution) + 0.5) * 2 / resolution - 1
     directions = np.empty((6, resolution, resolution, 3))
     for face in range(6):
@@ -39,7 +39,7 @@ def compute_texel_directions(resolution: int) -> Float64[ndarray, "6 {resolution
 def find_cube_taps(
     directions: Float[ndarray, "n 3"], resolution: int
 ) -> tuple[Int32[ndarray, "n 4"], Float32[ndarray, "n 4"]]:
-    """The four texels (row-major over 6 × resolution²) and bilinear weights that each direction reads.
+    """Find the four texels (row-major over 6 × resolution²) and bilinear weights that each direction reads.
 
     On a face of axis a the tangent axes are (a + 1) % 3 for columns and (a + 2) % 3 for rows; texel centres lie
     at +0.5 and lookups clamp at the face's border.
@@ -58,7 +58,7 @@ def _find_cube_taps(directions, resolution, indices, weights):
 
 @numba.njit(error_model="numpy", cache=True)
 def find_cube_tap(x, y, z, resolution, indices, weights):
-    """`find_cube_taps` of one direction, for other kernels; writes 4 texels and 4 weights."""
+    """Find the taps of one direction, for other kernels; writes 4 texels and 4 weights."""
     axis, major, first, second = 2, z, x, y
     if abs(x) >= abs(y) and abs(x) >= abs(z):
         axis, major, first, second = 0, x, y, z

@@ -1,4 +1,4 @@
-"""One number per splat that edits write: its rows are followed by readers, and change at the end only in number."""
+"""An array of one number per splat that edits write and readers follow; rows are added and removed at its end."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from instdrive_core.scene.row_writes import exchange_values
 
 
 class PerSplatArray:
-    """What the arrays of edit state have in common; subclasses say what their numbers mean, and when to write them."""
+    """Base of the arrays of edit state; subclasses say what their numbers mean, and when to write them."""
 
     def __init__(self, count: int, dtype: type[np.unsignedinteger]) -> None:
         self._rows = np.zeros(count, dtype)
@@ -31,9 +31,9 @@ class PerSplatArray:
         self._dirty.shorten(len(self._rows))
         self.version += 1
 
-    def dirty_reader(self) -> DirtyReader:
-        """Follows changes for one more reader; to it all rows are new."""
-        return self._dirty.reader()
+    def create_dirty_reader(self) -> DirtyReader:
+        """Create a reader that follows changes; to it all rows are new."""
+        return self._dirty.create_reader()
 
     def _exchange(self, rows: Int[ndarray, " m"], values: Shaped[ndarray, " m"]) -> Shaped[ndarray, " m"]:
         before, low, high = exchange_values(self._rows, rows, np.asarray(values, self._rows.dtype))
@@ -47,7 +47,7 @@ class PerSplatArray:
 
 
 def create_read_only_view(array: ndarray) -> ndarray:
-    """A view that cannot be written."""
+    """Create a view that cannot be written."""
     view = array.view()
     view.flags.writeable = False
     return view

@@ -25,16 +25,16 @@ class Track:
     world_from_box: Float64[ndarray, "t 4 4"]
     moving: bool = False
 
-    def path_length(self) -> float:
-        """Metres travelled by the centre over the whole track."""
+    def compute_path_length(self) -> float:
+        """Compute the metres that the centre travels over the whole track."""
         return float(np.linalg.norm(np.diff(self.world_from_box[:, :3, 3], axis=0), axis=1).sum())
 
     def covers(self, time: float, slack: float = 0.06) -> bool:
         """Whether `time` lies within the track, up to `slack` seconds (half a 10 Hz step)."""
         return bool(self.times[0] - slack <= time <= self.times[-1] + slack)
 
-    def pose_at(self, time: float) -> Float64[ndarray, "4 4"]:
-        """world_from_box at `time`: linear and slerp between neighbours, extrapolated by nothing (clamped)."""
+    def interpolate_pose(self, time: float) -> Float64[ndarray, "4 4"]:
+        """Interpolate world_from_box at `time`: linear and slerp between neighbours, clamped at the ends."""
         upper = int(np.searchsorted(self.times, time))
         if upper == 0 or upper == len(self.times):
             return self.world_from_box[min(upper, len(self.times) - 1)].copy()
@@ -55,7 +55,7 @@ def find_points_inside(
     margin: float = 0.0,
     bottom: float | None = None,
 ) -> ndarray:
-    """Mask (n,) of points inside a box grown by `margin` metres; `bottom` replaces the margin of the lower face
+    """Find the points inside a box grown by `margin` metres; `bottom` replaces the margin of the lower face
     (negative cuts the road off)."""
     local = (points - world_from_box[:3, 3]) @ world_from_box[:3, :3]
     half = np.asarray(dimensions) / 2

@@ -26,7 +26,7 @@ Similarity = Float64[ndarray, "3 4"]
 
 
 EntryChange = Callable[[Float64[ndarray, "24"]], Float64[ndarray, "24"]]
-"""What becomes of an entry as it is stored."""
+"""Change of an entry as it is stored."""
 
 
 class TransformPalette(EntryPalette):
@@ -48,32 +48,32 @@ class TransformPalette(EntryPalette):
         return self.values[:, 12:].reshape(-1, 3, 4)
 
     def get_move(self, entry: int) -> Similarity:
-        """[s R | t] from an entry's home to where it moves things."""
+        """Compute [s R | t] from an entry's home to where it moves things."""
         matrix, home = self.matrices[entry], self.homes[entry]
         return matrix if np.array_equal(home, np.eye(3, 4)) else compose_transforms(matrix, invert_transform(home))
 
-    def entry_at_home(self, home: Similarity) -> int:
-        """The entry of what is at this home; 0 where there is none."""
+    def find_entry_at_home(self, home: Similarity) -> int:
+        """Find the entry of what is at this home; 0 where there is none."""
         same = (self.matrices == home).all(axis=(1, 2)) & (self.homes == home).all(axis=(1, 2))
         return int(same.argmax())
 
     def add(self, matrix: Similarity) -> int:
-        """As `add_values`, of a move from where the file has things."""
+        """Find or add the entry of a move from where the file has things. Raises PaletteFullError."""
         return self.add_values(np.concatenate([matrix.reshape(-1), np.eye(3, 4).reshape(-1)]))
 
 
 def move_entry(matrix: Similarity) -> EntryChange:
-    """A move on top of what an entry does; its home stays."""
+    """Create the change that adds a move to what an entry does; its home stays."""
     return lambda values: np.concatenate([_compose_part(matrix, values[:12]), values[12:]])
 
 
 def rebase_entry(matrix: Similarity) -> EntryChange:
-    """The same for the entry and its home: whatever was moved has the same way back."""
+    """Create the change that moves an entry and its home together: what was moved keeps its way back."""
     return lambda values: np.concatenate([_compose_part(matrix, part) for part in (values[:12], values[12:])])
 
 
 def reset_entry(values: Float64[ndarray, "24"]) -> Float64[ndarray, "24"]:
-    """The entry of what is at home."""
+    """Change an entry to that of what is at home."""
     return np.tile(values[12:], 2)
 
 
@@ -82,27 +82,27 @@ def _compose_part(matrix: Similarity, part: Float64[ndarray, "12"]) -> Float64[n
 
 
 def compose_transforms(outer: Similarity, inner: Similarity) -> Similarity:
-    """First `inner`, then `outer`."""
+    """Compose two similarities: first `inner`, then `outer`."""
     result = outer[:, :3] @ inner
     result[:, 3] += outer[:, 3]
     return result
 
 
 def invert_transform(matrix: Similarity) -> Similarity:
-    """The way back."""
+    """Invert a similarity."""
     linear = matrix[:, :3].T / (matrix[:, 0] @ matrix[:, 0])
     return np.c_[linear, -linear @ matrix[:, 3]]
 
 
 def extract_scale(matrix: Float[ndarray, "3 4"]) -> float:
-    """The uniform scale s of [s R | t]."""
+    """Extract the uniform scale s of [s R | t]."""
     return float(np.linalg.norm(matrix[:, 0]))
 
 
 def compute_current_means(
     gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarray, " m"] | None = None
 ) -> Float32[ndarray, "m 3"]:
-    """Means of `rows` (of all by default) with their moves applied, in their nodes' frames; read only."""
+    """Compute the means of `rows` (all by default) with their moves applied, in their nodes' frames; read only."""
     means, entries = gaussians.means, palette.indices
     if rows is not None:
         means, entries = means[rows], entries[rows]
@@ -116,7 +116,7 @@ def compute_current_means(
 def _move_means(
     means: Float32[ndarray, "n 3"], entries: UInt16[ndarray, " n"], matrices: Float64[ndarray, "p 3 4"]
 ) -> Float32[ndarray, "n 3"]:
-    """Each mean after the matrix that its row names; those with entry 0 stay bit by bit."""
+    """Move each mean by the matrix that its row names; those with entry 0 stay bit by bit."""
     result = means.copy()
     for row in range(len(means)):
         entry = entries[row]
@@ -129,7 +129,7 @@ def _move_means(
 
 
 def copy_transformed(gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarray, " m"]) -> Gaussians:
-    """Copies of `rows` with their moves applied: what is drawn of them, in their nodes' frames."""
+    """Copy `rows` with their moves applied: what is drawn of them, in their nodes' frames."""
     part = gaussians.select(rows)
     bake_transforms(part, palette, palette.indices[rows])
     return part

@@ -51,7 +51,7 @@ class UpEstimate:
     direction: Float64[ndarray, "3"]
     """Unit vector in the scene's axes; exactly an axis where it is within `SNAP` of one."""
     confident: bool
-    """Whether it is worth telling without being asked."""
+    """Whether it is sure enough to be told without being asked."""
     reason: str
     """How it is known, e.g. ``the photos' cameras``."""
 
@@ -85,7 +85,7 @@ class _Surfaces:
 
 
 def estimate_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
-    """Which way is up in a scene; `stated` is what its file's format says, in this program's axes.
+    """Estimate which way is up in a scene; `stated` is what its file's format says, in this program's axes.
 
     Cameras are believed first, then a clear ground, then the format. What has instances was made by this program, and
     has z up; else the most common axis is given, without confidence.
@@ -102,7 +102,7 @@ def estimate_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
 
 
 def estimate_up_from_splats(gaussians: Gaussians, rows: Int64[ndarray, " k"]) -> Float64[ndarray, "3"] | None:
-    """Unit normal, upwards, of the ground that these rows make; None where no plane is clearly the ground."""
+    """Estimate the upward unit normal of the ground that these rows make; None where no plane is clearly the ground."""
     surfaces = _collect_surfaces(gaussians.select(rows[:: 1 + len(rows) // LOOKED_AT]))
     if surfaces is None:
         return None
@@ -131,7 +131,7 @@ def _estimate_up_from_cameras(views: Sequence[CameraView]) -> Float64[ndarray, "
 
 
 def _collect_surfaces(part: Gaussians) -> _Surfaces | None:
-    """Of the splats that count: finite, not faint, not among the farthest 3 %. None for fewer than 200.
+    """Collect the splats that count: finite, not faint, not among the farthest 3 %. None for fewer than 200.
 
     Nothing here depends on the axes, so that a scene is judged the same however it lies.
     """
@@ -244,7 +244,7 @@ def _find_densest_layer(
 def _fit_normal(
     surfaces: _Surfaces, weights: Float64[ndarray, " n"], normal: Float64[ndarray, "3"]
 ) -> Float64[ndarray, "3"]:
-    """Of the plane through splats: a layer that is cut out askew straightens as it is fitted."""
+    """Fit the normal of the plane through splats: a layer that is cut out askew straightens as it is fitted."""
     if not weights.sum() > 0:
         return normal
     fitted = _compute_spread(surfaces, weights)[1][:, 0]

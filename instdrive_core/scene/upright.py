@@ -10,27 +10,27 @@ from numpy import ndarray
 
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
-"""In the order that `compute_axis_direction` counts them in."""
+"""All axes."""
 UP: Axis = "+z"
-"""What is up in every scene of this program."""
+"""Up axis of every scene in this program."""
 _EXACT = 1e-9
-"""What a quarter turn's matrix may be off by before it is none."""
+"""Largest error of a matrix that still counts as a quarter turn."""
 
 
 def compute_axis_direction(axis: Axis) -> Float64[ndarray, "3"]:
-    """The unit vector along an axis."""
+    """Compute the unit vector along an axis."""
     direction = np.zeros(3)
     direction["xyz".index(axis[1])] = 1.0 if axis[0] == "+" else -1.0
     return direction
 
 
 def format_axis(axis: Axis) -> str:
-    """``−Y``, with a sign as wide as the plus: as people write it; commands take ``-y``."""
+    """Write an axis as people do: ``−Y``, with a sign as wide as the plus; commands take ``-y``."""
     return axis.upper().replace("-", "−")
 
 
 def find_nearest_axis(direction: Float[ndarray, "3"]) -> tuple[Axis, float]:
-    """The axis next to a direction of any length above 0, and the angle between them in degrees."""
+    """Find the axis nearest to a direction of any length above 0, and the angle between them in degrees."""
     unit = np.asarray(direction, np.float64) / np.linalg.norm(direction)
     axis = max(AXES, key=lambda name: float(compute_axis_direction(name) @ unit))
     cross = np.linalg.norm(np.cross(compute_axis_direction(axis), unit))  # unlike the cosine, exact for small angles
@@ -38,7 +38,7 @@ def find_nearest_axis(direction: Float[ndarray, "3"]) -> tuple[Axis, float]:
 
 
 def compute_upright_rotation(up: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
-    """The shortest rotation that takes `up`, of any length above 0, to +z; exact for axes.
+    """Compute the shortest rotation that takes `up`, of any length above 0, to +z; exact for axes.
 
     What points along -z is turned about y, so that forward stays forward.
     """
@@ -54,11 +54,11 @@ def compute_upright_rotation(up: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]
 
 
 def snap_rotation(rotation: Float64[ndarray, "3 3"]) -> Float64[ndarray, "3 3"]:
-    """The quarter turn where a matrix is one but for rounding, else the matrix: quarter turns keep every coordinate."""
+    """Return the quarter turn that a matrix is but for rounding, else the matrix: exact turns keep every coordinate."""
     whole = np.round(rotation)
     return whole + 0.0 if np.abs(rotation - whole).max() < _EXACT else rotation
 
 
 def is_quarter_turn(rotation: Float64[ndarray, "3 3"]) -> bool:
-    """Whether axes go to axes."""
+    """Whether a rotation takes axes to axes."""
     return bool((np.abs(rotation).max(axis=1) == 1).all())

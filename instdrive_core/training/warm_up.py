@@ -18,10 +18,10 @@ import llvmlite.binding
 import numba
 import numpy as np
 
+from instdrive_core.rasterize.kernels.fragment import power_of_two
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.track import Track
-from instdrive_core.training.backends import photometric
 from instdrive_core.training.gaussians.model import build_model
 from instdrive_core.training.settings.config import TrainConfig, build_train_config
 from instdrive_core.training.trainer import Trainer
@@ -60,7 +60,7 @@ def _stamp() -> Path:
     digest = hashlib.sha256(f"{numba.__version__} {sys.version} {llvmlite.binding.get_host_cpu_name()}".encode())
     for path in sorted(_SOURCES.rglob("*.py")):
         digest.update(f"{path} {path.stat().st_mtime_ns}".encode())
-    folder = Path(photometric._gradient.stats.cache_path or _SOURCES)
+    folder = Path(power_of_two.stats.cache_path or _SOURCES)
     return folder / f"kernels-{digest.hexdigest()[:16]}.compiled"
 
 

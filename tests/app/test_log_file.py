@@ -5,9 +5,10 @@ import threading
 import warnings
 
 import pytest
+from log_handlers import stop_logging
 
 from instdrive_app import log_file
-from instdrive_app.log_file import get_log_path, start_logging, stop_logging
+from instdrive_app.log_file import get_log_path, start_logging
 from instdrive_core.files.user_folders import find_state_folder
 
 
@@ -57,7 +58,7 @@ def test_logs_are_rotated(tmp_path, monkeypatch):
         logging.getLogger("instdrive_app").warning("line %d of many", number)
     stop_logging(handler)
     files = sorted(file.name for file in tmp_path.iterdir())
-    assert files == ["editor.log", *(f"editor.log.{number}" for number in range(1, log_file.KEPT + 1))]
+    assert files == ["editor.log", *(f"editor.log.{number}" for number in range(1, log_file.BACKUPS + 1))]
     assert all(file.stat().st_size <= 2000 for file in tmp_path.iterdir())
     assert "line 399" in (tmp_path / "editor.log").read_text()
 

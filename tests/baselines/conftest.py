@@ -34,7 +34,7 @@ class ToyTraining:
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_torch_thread():
-    """Use one thread, as a run does (`run_training`): torch's threads would fight for the cores with those of the kernels."""
+    """Use one thread, as `run_training` does: torch's threads would fight for the cores with those of the kernels."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield

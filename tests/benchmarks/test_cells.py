@@ -13,9 +13,9 @@ from benchmarks.cells import (
     STREET,
     TUNED_ON,
     Cell,
+    build_cell_config,
     cell_keys,
-    chosen,
-    config_of,
+    choose_cells,
     plan,
 )
 from instdrive_core.errors import OptionError
@@ -63,11 +63,11 @@ def test_all_methods_of_a_place_learn_on_the_same_geometry_and_masks():
 
 
 def test_a_method_trains_on_frozen_geometry_and_the_geometry_as_the_command_line_does():
-    assert config_of(BY_NAME[f"{STREET}/6/geometry"], FULL) == build_train_config("instdrive", "quick")
-    ours = config_of(BY_NAME[f"{STREET}/6/sam-v1/instdrive"], FULL)
+    assert build_cell_config(BY_NAME[f"{STREET}/6/geometry"], FULL) == build_train_config("instdrive", "quick")
+    ours = build_cell_config(BY_NAME[f"{STREET}/6/sam-v1/instdrive"], FULL)
     assert ours.instances == build_train_config("instdrive", "quick").instances
     assert ours.freeze_geometry
-    printed = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper"], FULL)
+    printed = build_cell_config(BY_NAME[f"{STREET}/6/sam-v1/paper"], FULL)
     expected = keep_geometry(build_train_config("paper", "quick"))
     assert printed == replace(expected, instances=replace(expected.instances, whole_actors=True))
 
@@ -82,16 +82,16 @@ def test_a_method_trains_on_frozen_geometry_and_the_geometry_as_the_command_line
     ],
 )
 def test_an_ablation_changes_one_thing(change, field, expected):
-    base = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled"], FULL)
-    changed = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled+{change}"], FULL)
+    base = build_cell_config(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled"], FULL)
+    changed = build_cell_config(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled+{change}"], FULL)
     assert getattr(changed.instances, field) == expected != getattr(base.instances, field)
     assert changed == replace(base, instances=replace(base.instances, **{field: expected}))
 
 
 def test_ablations_of_ours_train_its_losses():
-    ours = config_of(BY_NAME[f"{STREET}/6/sam-v1/instdrive+losses+no-pseudo"], FULL).instances
+    ours = build_cell_config(BY_NAME[f"{STREET}/6/sam-v1/instdrive+losses+no-pseudo"], FULL).instances
     assert (ours.learned_by, ours.pseudo_weight) == ("losses", 0.0)
-    assert config_of(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled+d6"], FULL).instances.learned_by == "losses"
+    assert build_cell_config(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled+d6"], FULL).instances.learned_by == "losses"
 
 
 def test_how_instances_are_learned_leaves_the_geometry_as_it_is(monkeypatch):
@@ -100,7 +100,7 @@ def test_how_instances_are_learned_leaves_the_geometry_as_it_is(monkeypatch):
         return replace(config, instances=replace(config.instances, voxel_size=9.0))
 
     before = keys()
-    monkeypatch.setattr("benchmarks.cells.train_config", other_voxels)
+    monkeypatch.setattr("benchmarks.cells.build_train_config", other_voxels)
     after = keys()
     changed = {name for name in before if before[name] != after[name]}
     assert changed
@@ -108,14 +108,14 @@ def test_how_instances_are_learned_leaves_the_geometry_as_it_is(monkeypatch):
 
 
 def test_the_scaled_rate_keeps_rate_times_steps():
-    printed = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper"], FULL).instances
-    scaled = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled"], FULL).instances
+    printed = build_cell_config(BY_NAME[f"{STREET}/6/sam-v1/paper"], FULL).instances
+    scaled = build_cell_config(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled"], FULL).instances
     assert scaled.feature_lr * scaled.iterations == pytest.approx(printed.feature_lr * 30_000)
 
 
 def test_an_unknown_variant_is_refused():
     with pytest.raises(OptionError, match=ABLATIONS[0]):
-        config_of(Cell("x", "method", STREET, variant="no-such"), FULL)
+        build_cell_config(Cell("x", "method", STREET, variant="no-such"), FULL)
 
 
 def test_keys_differ_by_settings_and_follow_what_a_cell_needs():
@@ -128,11 +128,11 @@ def test_keys_differ_by_settings_and_follow_what_a_cell_needs():
 
 
 def test_only_what_a_pattern_names_and_needs_is_chosen():
-    names = [cell.name for cell in chosen(CELLS, ["3/sam-v1/opengaussian"])]
+    names = [cell.name for cell in choose_cells(CELLS, ["3/sam-v1/opengaussian"])]
     street = [STREET, f"{STREET}/sam-v1", f"{STREET}/3/geometry"]
     assert names == [*street, f"{STREET}/3/sam-v1/opengaussian"]
-    assert chosen(CELLS, []) == CELLS
-    figures = {cell.name for cell in chosen(CELLS, ["figure/lidar*"])}
+    assert choose_cells(CELLS, []) == CELLS
+    figures = {cell.name for cell in choose_cells(CELLS, ["figure/lidar*"])}
     assert f"{STREET}/6/sam-v1/instdrive+losses+no-voxel" in figures
     with pytest.raises(OptionError, match="--list"):
-        chosen(CELLS, ["no such cell"])
+        choose_cells(CELLS, ["no such cell"])

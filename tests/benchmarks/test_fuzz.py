@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.fuzz import Case, Options, fuzz, judged
+from benchmarks.fuzz import Case, Options, fuzz, judge
 from benchmarks.fuzz_child import Outcome, serve
-from benchmarks.fuzz_mutations import cut
+from benchmarks.fuzz_mutations import cut_off
 from benchmarks.fuzz_pickles import MARKER, hostile_pickles
 from benchmarks.fuzz_readers import READERS, Read
-from benchmarks.fuzz_seeds import all_seeds
+from benchmarks.fuzz_seeds import list_seeds
 from instdrive_core.errors import DataError
 from instdrive_core.files.restricted_pickle import read_pickle
 
@@ -35,8 +35,8 @@ def test_no_damaged_file_does_harm(monkeypatch):
 
 
 def test_every_reader_has_a_whole_file_that_it_reads(tmp_path, monkeypatch):
-    assert {seed.kind for seed in all_seeds()} == set(READERS)
-    for number, seed in enumerate(all_seeds()):
+    assert {seed.kind for seed in list_seeds()} == set(READERS)
+    for number, seed in enumerate(list_seeds()):
         folder = tmp_path / str(number)
         for name, data in seed.files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -131,21 +131,21 @@ def test_each_fault_would_be_seen(tmp_path):
 
 
 def test_a_cut_file_read_as_if_whole_is_silent_unless_something_is_said():
-    seed = next(seed for seed in all_seeds() if seed.kind == "ply")
+    seed = next(seed for seed in list_seeds() if seed.kind == "ply")
     whole = {(seed.kind, seed.name): Outcome("read", "", "all", ("one",), 0, 0, ())}
     case = Case(seed, "cut", must_show=True)
     read = replace(next(iter(whole.values())), digest="less")
-    assert judged(case, read, whole).result == "silent"
-    assert judged(case, replace(read, reported=("one", "two")), whole).result == "read"
-    assert judged(case, replace(read, digest="all"), whole).result == "read"
-    assert judged(replace(case, must_show=False), read, whole).result == "read"
+    assert judge(case, read, whole).result == "silent"
+    assert judge(case, replace(read, reported=("one", "two")), whole).result == "read"
+    assert judge(case, replace(read, digest="all"), whole).result == "read"
+    assert judge(replace(case, must_show=False), read, whole).result == "read"
 
 
 def test_cuts_that_leave_a_whole_text_need_not_show():
     def must_show(data, kept):
         rng = random.Random()
         rng.choice = lambda places: kept
-        return cut(data, rng).must_show
+        return cut_off(data, rng).must_show
 
     assert must_show(b"1.5 2.25\n3.5 4.75\n", 8)
     assert not must_show(b"1.5 2.25\n3.5 4.75\n", 15)

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from benchmarks.edit_street import edit_street
+from benchmarks.edit_street import build_edit_street
 from benchmarks.no_loss import Options, main
 from benchmarks.random_edits import RandomEdits
 from instdrive_core.edits.document.document import Document
@@ -25,12 +25,12 @@ def test_nothing_is_lost(monkeypatch):
 
 
 def test_every_kind_of_edit_is_drawn():
-    kinds = RandomEdits(Document(edit_street()), "absent").kinds
+    kinds = RandomEdits(Document(build_edit_street()), "absent").kinds
     assert kinds == set(EDIT_KINDS), "benchmarks/random_edits.py needs a recipe for each kind of edit"
 
 
 def test_the_digest_sees_single_bits():
-    document = Document(edit_street())
+    document = Document(build_edit_street())
     before = fingerprint(document)
     document.state.change(document.find_rows([1])[:1], Flag.HIDDEN, True)
     assert fingerprint(document) != before

@@ -20,7 +20,7 @@ def _projected(splats, camera: Camera) -> Projection:
 
 
 def test_the_peak_is_a_rate_that_grows_with_the_threads() -> None:
-    rate = probe.gaussian_pixel_rate(0.1)
+    rate = probe.measure_pixel_rate(0.1)
     assert 1e7 < rate < 1e11 * numba.get_num_threads()
 
 
@@ -42,7 +42,7 @@ def test_fragments_are_the_pixels_whose_alpha_is_drawn() -> None:
     for px, py, xx, xy, yy, opacity, *_ in projection.splats.astype(np.float64):
         dx, dy = x - px, y - py
         expected += int((opacity * np.exp(-0.5 * (xx * dx * dx + 2 * xy * dx * dy + yy * dy * dy)) >= 1 / 255).sum())
-    assert abs(probe.visible_fragments(projection, 90, 70) - expected) <= 2  # pixels on the very edge
+    assert abs(probe.count_visible_fragments(projection, 90, 70) - expected) <= 2  # pixels on the very edge
 
 
 def test_evaluations_are_rows_of_boxes_in_tile_columns() -> None:
@@ -52,15 +52,15 @@ def test_evaluations_are_rows_of_boxes_in_tile_columns() -> None:
     first = np.ceil(projection.splats[0, :2] - reach - 0.5)
     last = np.floor(projection.splats[0, :2] + reach - 0.5)
     columns = last[0] // TILE - first[0] // TILE + 1
-    assert probe.tight_evaluations(projection, 90, 70) == (last[1] - first[1] + 1) * columns * TILE
+    assert probe.count_tight_evaluations(projection, 90, 70) == (last[1] - first[1] + 1) * columns * TILE
 
 
 def test_a_workload_is_projected_with_its_camera() -> None:
     camera = small_camera(90, 70)
     splats = random_splats(camera, 100, 11, seed=5)
     workload = Workload(*splats.arrays(), cameras=(camera,))
-    expected = probe.tight_evaluations(_projected(splats, camera), 90, 70)
-    assert probe.evaluations(workload, camera) == expected > 0
+    expected = probe.count_tight_evaluations(_projected(splats, camera), 90, 70)
+    assert probe.count_evaluations(workload, camera) == expected > 0
 
 
 def test_bounds_hold_each_other() -> None:
@@ -68,11 +68,11 @@ def test_bounds_hold_each_other() -> None:
     projection = _projected(random_splats(camera, 300, 0, seed=5), camera)
     spans = bin_splats(projection, 90, 70).spans.astype(np.int64)
     drawn = int(TILE * (spans[:, 1] - spans[:, 0]).sum())
-    assert probe.visible_fragments(projection, 90, 70) < drawn < probe.tight_evaluations(projection, 90, 70)
+    assert probe.count_visible_fragments(projection, 90, 70) < drawn < probe.count_tight_evaluations(projection, 90, 70)
 
 
 def test_nothing_in_view_needs_nothing() -> None:
     camera = small_camera()
     projection = _projected(plain_splats(camera, [[-400, 18]], [4.0], 3, 0.9), camera)
-    assert probe.tight_evaluations(projection, camera.width, camera.height) == 0
-    assert probe.visible_fragments(projection, camera.width, camera.height) == 0
+    assert probe.count_tight_evaluations(projection, camera.width, camera.height) == 0
+    assert probe.count_visible_fragments(projection, camera.width, camera.height) == 0

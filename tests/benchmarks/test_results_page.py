@@ -6,10 +6,10 @@ import re
 import pytest
 
 from benchmarks.cells import HEADLINE_SEEDS, PANDASET, PUBLISHED_TOO, STREET, plan
-from benchmarks.outcomes import PUBLISHED, SPLIT, Results, ratio, shown, spread, table, value
+from benchmarks.outcomes import PUBLISHED, SPLIT, Results, format_spread, format_value, ratio, table, value
 from benchmarks.results_page import NOTES_END, NOTES_START, oracle_key, page, voxel_sentence
 from benchmarks.results_targets import TARGETS, targets_table
-from benchmarks.tables import notes_of
+from benchmarks.tables import read_notes
 
 SCENE = {"miou": 0.5, "macc": 0.6, "pq": 0.4, "oracle_miou": 0.8, "oracle_pq": 0.7, "id_switches": 3}
 FIGURES = {
@@ -45,10 +45,10 @@ def cells_of(text, title):
 
 
 def test_numbers_for_readers():
-    assert [shown(each) for each in (None, 0.12345, 1234, "as is")] == ["–", "0.123", "1,234", "as is"]
-    assert spread([0.1, 0.2, 0.3]) == "0.200 ± 0.100"
-    assert spread([0.1, None]) == "0.100 (1 of 2)"
-    assert spread([None]) == "–"
+    assert [format_value(each) for each in (None, 0.12345, 1234, "as is")] == ["–", "0.123", "1,234", "as is"]
+    assert format_spread([0.1, 0.2, 0.3]) == "0.200 ± 0.100"
+    assert format_spread([0.1, None]) == "0.100 (1 of 2)"
+    assert format_spread([None]) == "–"
     assert ratio(1.0, 0.0) is ratio(None, 1.0) is None
     assert value(FIGURES, "scene.miou") == 0.5
     assert value(FIGURES, "scene.nothing.here") is None
@@ -115,10 +115,10 @@ def test_figures_are_shown_with_captions():
 
 def test_notes_by_hand_survive(tmp_path):
     file = tmp_path / "results.md"
-    assert notes_of(file) == ""
+    assert read_notes(file) == ""
     file.write_text(page(Results({}, plan(), {}), "Lamps are hard.\n\nSo are signs."))
-    assert notes_of(file) == "Lamps are hard.\n\nSo are signs."
-    assert page(Results({}, plan(), {}), notes_of(file)) == file.read_text()
+    assert read_notes(file) == "Lamps are hard.\n\nSo are signs."
+    assert page(Results({}, plan(), {}), read_notes(file)) == file.read_text()
     assert file.read_text().index(NOTES_START) < file.read_text().index(NOTES_END)
 
 

@@ -8,7 +8,7 @@ from plyfile import PlyData
 from random_scene import random_scene
 
 from instdrive_app.main import main
-from instdrive_core.cli.arguments import default_time, view_named
+from instdrive_core.cli.arguments import find_default_time, find_named_view
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.registry import open_scene, save_scene
 
@@ -123,10 +123,10 @@ def test_info_of_damaged_and_empty_scenes(tmp_path, capsys):
 
 def test_views_are_found_by_name_and_number():
     scene = random_scene()
-    assert view_named(scene, "front_camera/3") is scene.views[3]
-    assert view_named(scene, "front_camera/03") is scene.views[3]
+    assert find_named_view(scene, "front_camera/3") is scene.views[3]
+    assert find_named_view(scene, "front_camera/03") is scene.views[3]
     with pytest.raises(OptionError, match=r"near it are front_camera/.*orbit"):
-        view_named(scene, "front_camera/9")
+        find_named_view(scene, "front_camera/9")
     with pytest.raises(OptionError, match="front_camera/0"):
-        view_named(scene, "zzz")
-    assert default_time(scene) == 0
+        find_named_view(scene, "zzz")
+    assert find_default_time(scene) == 0

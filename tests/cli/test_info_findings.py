@@ -6,7 +6,7 @@ from PIL import Image
 from random_scene import random_gaussians, random_scene
 
 from instdrive_app.main import main
-from instdrive_core.cli.histogram_picture import BINS, PANEL, histogram_picture, histograms
+from instdrive_core.cli.histogram_picture import BINS, PANEL, build_histograms, draw_histograms
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.scene.gaussians import create_empty_gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
@@ -63,11 +63,11 @@ def test_histograms_count_every_splat_once():
     gaussians = sound_gaussians(count=5000)
     gaussians.means[0] = np.nan
     gaussians.means[1] = 1e9
-    for histogram in histograms(gaussians):
+    for histogram in build_histograms(gaussians):
         assert histogram.counts.sum() + histogram.left_out == 5000
         assert histogram.counts.shape == (BINS,)
         assert histogram.left_out <= 0.01 * 5000
-    opacity, longest = histograms(gaussians)[:2]
+    opacity, longest = build_histograms(gaussians)[:2]
     assert opacity.left_out == 0
     np.testing.assert_array_equal(opacity.counts, np.histogram(gaussians.opacities, BINS, (0, 1))[0])
     assert 10**longest.low < np.median(gaussians.scales.max(axis=1)) < 10**longest.high
@@ -77,7 +77,7 @@ def test_higher_bars_are_drawn_where_more_splats_are():
     gaussians = sound_gaussians(count=1000)
     gaussians.opacity_logits[:900] = 5
     gaussians.opacity_logits[900:] = 0
-    panel = histogram_picture(gaussians)[: PANEL[1], : PANEL[0]]
+    panel = draw_histograms(gaussians)[: PANEL[1], : PANEL[0]]
     blue = (panel[..., 2].astype(int) - panel[..., 0] > 100).sum(axis=0)
     middle, right = blue[PANEL[0] // 2 - 10 : PANEL[0] // 2 + 10].max(), blue[-30:].max()
     assert right / middle == pytest.approx(9, rel=0.1)
@@ -92,4 +92,4 @@ def test_strange_scenes_are_drawn_too():
     infinite.log_scales[:] = np.inf
     infinite.opacity_logits[:] = -np.inf
     for gaussians in (create_empty_gaussians(), one, broken, infinite):
-        assert histogram_picture(gaussians).shape == (4 * PANEL[1], 2 * PANEL[0], 3)
+        assert draw_histograms(gaussians).shape == (4 * PANEL[1], 2 * PANEL[0], 3)

@@ -8,7 +8,7 @@ from PIL import Image
 from random_scene import random_scene
 
 from instdrive_app.main import main
-from instdrive_core.cli.render import orbit_camera
+from instdrive_core.cli.render import place_orbit_camera
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
@@ -81,7 +81,7 @@ def test_a_car_is_drawn_where_it_is_at_the_time(scene, tmp_path):
         arguments = ["--view", "front_camera/0", "--time", str(time), "-o", str(out)]
         assert main(["render", str(tmp_path / "run"), "--mode", "instance", *others, *arguments]) == 0
         rows, columns = np.nonzero(ids_from_colors(pixels(out)) == 7)
-        center, _ = camera.project(driving.pose_at(time)[None, :3, 3])
+        center, _ = camera.project(driving.interpolate_pose(time)[None, :3, 3])
         assert np.hypot(columns.mean() + 0.5 - center[0, 0], rows.mean() + 0.5 - center[0, 1]) < 2
         assert main(["render", str(tmp_path / "run"), *others, *arguments]) == 0
         shown[time] = pixels(out).astype(int)
@@ -119,11 +119,11 @@ def test_a_wider_picture_keeps_the_middle(run, tmp_path):
 
 def test_orbit_sees_most_of_a_scene_without_views(scene):
     bare = dataclasses.replace(scene, views=())
-    camera = orbit_camera(bare, 0.0)
+    camera = place_orbit_camera(bare, 0.0)
     inside, depth = camera.project(bare.gaussians.means[bare.nodes == 0])
     seen = (depth > 0) & (inside >= 0).all(axis=1) & (inside < [camera.width, camera.height]).all(axis=1)
     assert seen.mean() > 0.8
-    assert orbit_camera(random_scene(count=0, actors=0), 0.0).position.shape == (3,)
+    assert place_orbit_camera(random_scene(count=0, actors=0), 0.0).position.shape == (3,)
 
 
 @pytest.mark.parametrize(

@@ -44,10 +44,20 @@ def test_poses_intrinsics_and_points_fit_the_photos(root, model):
     np.testing.assert_array_equal(clip.points.colors, model.colors)
 
 
+def test_fields_that_are_not_read_are_noted(root):
+    listing = json.loads((root / "transforms.json").read_text())
+    listing["frames"][2]["mask_path"] = "masks/002.png"
+    listing["val_filenames"] = []
+    (root / "transforms.json").write_text(json.dumps(listing))
+    assert "fields that are not read: val_filenames, mask_path" in load(root).notes
+
+
 def test_missing_photos_are_left_out_and_counted(root, caplog):
     (root / "images" / "002.png").unlink()
-    assert [frame.view.index for frame in load(root).frames] == [0, 1, 3, 4]
+    clip = load(root)
+    assert [frame.view.index for frame in clip.frames] == [0, 1, 3, 4]
     assert "1 of 5 photos are missing" in caplog.text
+    assert any("1 of 5 photos are missing" in note for note in clip.notes)
     for photo in (root / "images").iterdir():
         photo.unlink()
     with pytest.raises(DataError, match="none of the 5 photos"):

@@ -8,7 +8,7 @@ from small_clip import moving_position, offset, sweep_at, write_small_clip
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.datasets.sweeps import SweepCache, load_points_at
+from instdrive_core.datasets.sweeps import SweepCache
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def clip(tmp_path_factory):
 
 
 def world_points(clip, index, held_out=False):
-    return load_points_at(clip, index, held_out).points + clip.origin
+    return SweepCache(clip, held_out).load(index).points + clip.origin
 
 
 def test_a_step_with_a_sweep_has_just_its_own(clip):
@@ -35,7 +35,7 @@ def test_other_steps_have_their_neighbours_points_where_objects_are_by_then(clip
 
 
 def test_the_second_lidars_points_on_moving_objects_are_left_out(clip):
-    found = load_points_at(clip, 3, held_out=True)
+    found = SweepCache(clip, held_out=True).load(3)
     assert not found.sensor.any()
     assert len(found.points) == len(found.classes) == len(found.intensity)
 
@@ -45,7 +45,9 @@ def test_training_never_sees_a_held_out_sweep(clip, monkeypatch, index, sources)
     cache = SweepCache(clip, held_out=False)
     loaded = set()
     monkeypatch.setattr(
-        cache, "_load", lambda position: (loaded.add(cache.sweeps[position].index), cache.sweeps[position].load())[1]
+        cache,
+        "_load_sweep",
+        lambda position: (loaded.add(cache.sweeps[position].index), cache.sweeps[position].load())[1],
     )
     assert len(cache.load_positions(index))
     assert loaded == sources
@@ -54,15 +56,15 @@ def test_training_never_sees_a_held_out_sweep(clip, monkeypatch, index, sources)
 
 def test_all_cameras_of_a_step_share_its_points(clip):
     cache = SweepCache(clip, held_out=True)
-    first = cache.at(3)
-    assert cache.at(3) is first
-    assert cache.at(5) is not first
-    np.testing.assert_array_equal(cache.at(3).points, first.points)
+    first = cache.load(3)
+    assert cache.load(3) is first
+    assert cache.load(5) is not first
+    np.testing.assert_array_equal(cache.load(3).points, first.points)
 
 
 def test_a_clip_without_sweeps_has_no_points(clip):
     bare = replace(clip, sweeps=())
-    assert load_points_at(bare, 3) is None
+    assert SweepCache(bare).load(3) is None
     assert SweepCache(bare).load_positions(3).shape == (0, 3)
 
 

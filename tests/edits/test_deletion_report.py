@@ -83,7 +83,7 @@ def test_absorbing_empties_the_residue(street):
     flags = document.state.flags.copy()
     document.apply(report.make_absorb_edit())
     assert not len(report_deletion(document, (CAR,), 0.0).residue)
-    assert document.state.mask(Flag.DELETED)[street.strays].all()
+    assert document.state.find_mask(Flag.DELETED)[street.strays].all()
     document.undo()
     np.testing.assert_array_equal(document.state.flags, flags)
     np.testing.assert_array_equal(report_deletion(document, (CAR,), 0.0).residue, report.residue)
@@ -103,7 +103,7 @@ def test_a_lassoed_car_leaves_what_the_lasso_missed(street):
     assert report.hole_area == pytest.approx(CAR_SIZE[0] * CAR_SIZE[1], rel=0.3)
     document.apply(report.make_absorb_edit())
     assert not np.isin(report.residue, report_row_deletion(document, rows, 0.0).residue).any()
-    assert document.state.mask(Flag.DELETED)[report.residue].all()
+    assert document.state.find_mask(Flag.DELETED)[report.residue].all()
 
 
 def test_locked_strays_are_spared(street):

@@ -1,6 +1,8 @@
 """Every kind of edit in the registry: its record, its JSON, and that undo and redo give every bit again."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 from document_snapshot import snapshot
@@ -11,6 +13,8 @@ from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.invariants import find_broken_invariants
 from instdrive_core.edits.registry import EDIT_KINDS
 from instdrive_core.edits.serialize import edit_from_json
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_every_edit_class_has_a_record_and_an_example():
@@ -29,6 +33,15 @@ def test_records_are_whole(kind):
     assert hasattr(icons_fontawesome_6, kind.icon)
     assert kind.edit.__doc__
     assert set(EXAMPLES[kind.name]) <= set(kind.parameters)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in EDIT_KINDS.values() if kind.is_old], ids=lambda kind: kind.name)
+def test_old_kinds_are_read_and_never_made(kind):
+    making = re.compile(rf"\b{kind.edit.__name__}\(")
+    sources = [path for folder in ("app", "instdrive_core", "examples") for path in (ROOT / folder).rglob("*.py")]
+    assert [path.stem for path in sources if making.search(path.read_text(encoding="utf-8"))] == [
+        kind.edit.__module__.rsplit(".", 1)[1]
+    ], "only its own class statement names it so"
 
 
 @pytest.mark.parametrize("name", EDIT_KINDS)

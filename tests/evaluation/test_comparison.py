@@ -6,7 +6,7 @@ import os
 
 import pytest
 from evaluation_scene import DRIVING, PARKED, toy_drive
-from test_html_report import FACTS, HOSTILE, ReadPage
+from report_page import FACTS, HOSTILE, ReadPage
 
 from instdrive_app.main import main
 from instdrive_core.evaluation import comparison, protocol
@@ -65,7 +65,7 @@ def test_every_figure_that_is_known_is_compared(figures):
     rows = {figure.key: figure for figure, _ in compare_runs([MeasuredRun("a", figures, None)])}
     assert set(rows) == set(known(figures))
     assert rows["scene.oracle_pq"].better == "higher"
-    assert rows["scene.oracle_pq"].title == "oracle: PQ"
+    assert rows["scene.oracle_pq"].title == "reference: PQ"
 
 
 def test_figures_without_a_row_of_their_own_are_shown_without_a_best():

@@ -20,7 +20,7 @@ def with_lidar(drive):
     still = box_surface(parked.dimensions) + parked.world_from_box[0, :3, 3]
 
     def sweep(index):
-        moving = box_surface(driving.dimensions) + driving.pose_at(index / 10)[:3, 3]
+        moving = box_surface(driving.dimensions) + driving.interpolate_pose(index / 10)[:3, 3]
         parts = {ROAD: road, PARKED: still, POLE: pole, DRIVING: moving}
         points = np.concatenate(list(parts.values())).astype(np.float32)
         labels = np.repeat(list(parts), [len(part) for part in parts.values()]).astype(np.uint32)

@@ -136,14 +136,14 @@ def test_annotations_measured_with_annotations_are_privileged(drive):
 
 
 def test_same_figures_from_a_run_folder(drive, run):
-    again = flat(evaluate_run(run))
+    again = flat(evaluate_run(run).figures)
     assert again == measured(drive)
 
 
 def test_command_prints_a_table_and_writes_the_figures(run, capsys):
     evaluate(run, json=run / "eval.json")
     printed = capsys.readouterr().out
-    assert all(row in printed for row in ("oracle", "instance", "codeword", "one ID for all", "random IDs"))
+    assert all(row in printed for row in ("reference", "instance", "codeword", "one ID for all", "random IDs"))
     assert "held-out time steps 4, 14" in printed
     assert set(flat(json.loads((run / "eval.json").read_text()))) == KEYS
 
@@ -184,7 +184,7 @@ def test_objects_that_share_an_instance_or_a_code(drive):
 
 def test_bounds_can_be_left_out(drive):
     whole = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS)
-    quick = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS, oracle_too=False)
+    quick = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS, with_reference=False)
     assert whole.figures["scene"]["oracle_miou"] is not None
     assert quick.figures["scene"]["oracle_miou"] is quick.figures["lidar"]["oracle_ap"] is None
     assert quick.figures["scene"]["miou"] == whole.figures["scene"]["miou"]

@@ -12,7 +12,7 @@ from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.evaluation import comparison
 from instdrive_core.evaluation.page.compare import write_comparison
 from instdrive_core.evaluation.page.report import write_report
-from instdrive_core.evaluation.protocol import evaluate_saved_run
+from instdrive_core.evaluation.protocol import evaluate_run
 from instdrive_core.evaluation.tables import list_summary_rows
 from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
 from instdrive_core.instances.table import build_instance_table
@@ -46,7 +46,7 @@ def test_eval_measures_images_and_says_why_nothing_else(run, capsys):
     assert "only images are measured" in printed
     assert "held-out time steps 4" in printed
     assert "PSNR (dB)" in printed
-    for word in ("mIoU", "oracle", "clicks", "moving objects", "random IDs"):
+    for word in ("mIoU", "reference", "clicks", "moving objects", "random IDs"):
         assert word not in printed
     figures = json.loads((run / "eval.json").read_text())
     assert figures["ground_truth"] == "none"
@@ -57,7 +57,7 @@ def test_eval_measures_images_and_says_why_nothing_else(run, capsys):
 
 
 def test_the_page_has_no_empty_sections(run):
-    evaluation = evaluate_saved_run(run)
+    evaluation = evaluate_run(run)
     write_report(run / "page.html", run, evaluation)
     page = (run / "page.html").read_text(encoding="utf-8")
     for there in ("RGB only", "Held-out views", "photo: ", "image: ", "Training", "PSNR (dB)", "SSIM"):
@@ -86,7 +86,7 @@ def test_instances_of_unlabelled_photos_are_shown_but_not_measured(run, tmp_path
     scene.table = build_instance_table(scene.instance_ids, scene.gaussians.means)
     write_scene_folder(tmp_path, scene)
     (tmp_path / "run.json").write_bytes((run / "run.json").read_bytes())
-    evaluation = evaluate_saved_run(tmp_path)
+    evaluation = evaluate_run(tmp_path)
     assert evaluation.figures["scene"]["miou"] is None
     assert evaluation.figures["n_instances"] == 2
     assert np.unique(evaluation.views[0].with_ids(scene.instance_ids).predicted).max() == 2

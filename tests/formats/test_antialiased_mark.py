@@ -12,7 +12,7 @@ from random_scene import random_scene
 from sog_files import files_of, meta_of, random_bytes, write_archive, write_folder
 
 from instdrive_core.cli.convert import convert
-from instdrive_core.cli.info import info
+from instdrive_core.cli.info import print_info
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.formats.spz.scenes import write_spz
@@ -90,7 +90,7 @@ def test_folders_from_before_are_plain_and_other_values_are_refused(tmp_path: Pa
 
 def test_info_and_convert_say_so(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     save_scene(tmp_path / "a.spz", scene_of(True))
-    info(tmp_path / "a.spz")
+    print_info(tmp_path / "a.spz")
     assert "antialiased" in capsys.readouterr().out
     convert(tmp_path / "a.spz", tmp_path / "b.ply")
     assert "antialiased" not in capsys.readouterr().out

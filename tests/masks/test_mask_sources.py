@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from painted_street import painted_clip
-from small_clip import HEIGHT, WIDTH, write_small_clip
-from test_masks_command import write_exact_labels
+from small_clip import HEIGHT, WIDTH, write_exact_labels, write_small_clip
 from tiny_sam import permissive
 
 from instdrive_app.main import main

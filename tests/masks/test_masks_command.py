@@ -1,31 +1,14 @@
 """`instdrive masks` from folder to folder."""
 
-import json
-
-import numpy as np
 import pytest
-from PIL import Image
-from small_clip import HEIGHT, STEPS, WIDTH, write_small_clip
+from small_clip import HEIGHT, STEPS, WIDTH, write_exact_labels, write_small_clip
 
 from instdrive_app.main import main
-from instdrive_core.cli.masks import masks
+from instdrive_core.cli.masks import create_masks
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import DataError
 from instdrive_core.masks import making
 from instdrive_core.masks.label_map_folder import open_masks
-
-
-def write_exact_labels(root):
-    """Write labels beside a small clip, the road everywhere, and return its folder."""
-    for camera in ("front_camera", "back_camera"):
-        for step in STEPS:
-            for name in (f"{camera}/{step:02d}.png", f"sky/{camera}/{step:02d}.png"):
-                (root / "labels" / name).parent.mkdir(parents=True, exist_ok=True)
-                value = np.uint8(0) if name.startswith("sky") else np.uint16(7)
-                Image.fromarray(np.full((HEIGHT, WIDTH), value)).save(root / "labels" / name)
-    table = {"7": {"class": "Road", "kind": "stuff", "moving": False, "uuid": None}}
-    (root / "labels" / "instances.json").write_text(json.dumps(table))
-    return root
 
 
 @pytest.fixture
@@ -34,7 +17,7 @@ def root(tmp_path):
 
 
 def test_exact_masks_go_beside_the_photos(root, capsys):
-    masks(root)
+    create_masks(root)
     found = open_masks(root / "masks")
     assert found.source == "exact"
     assert len(found.counts) == 2 * (len(STEPS) - 1)
@@ -43,7 +26,7 @@ def test_exact_masks_go_beside_the_photos(root, capsys):
 
 
 def test_source_folder_and_part_of_the_clip_can_be_chosen(root, tmp_path, capsys):
-    masks(root, "annotations", tmp_path / "out", 4, ClipOptions(cameras="front_camera", scale=0.5, last_frame=3))
+    create_masks(root, "annotations", tmp_path / "out", 4, ClipOptions(cameras="front_camera", scale=0.5, last_frame=3))
     found = open_masks(tmp_path / "out")
     assert (found.source, found.seed) == ("annotations", 4)
     assert set(found.counts) == {"front_camera/02", "front_camera/03"}
@@ -54,22 +37,22 @@ def test_source_folder_and_part_of_the_clip_can_be_chosen(root, tmp_path, capsys
 def test_a_clip_that_cannot_be_written_is_named(root, capsys):
     (root / "masks").write_text("in the way")
     with pytest.raises(DataError, match=r"masks: cannot be written .* --out"):
-        masks(root)
+        create_masks(root)
 
 
 def test_a_real_clip_has_no_exact_labels(pandaset_clip, tmp_path):
     with pytest.raises(DataError, match=r"has no exact labels.*--source annotations"):
-        masks(pandaset_clip, out=tmp_path / "out")
+        create_masks(pandaset_clip, out=tmp_path / "out")
 
 
 def test_faults_are_put_in_and_told(root, capsys):
-    masks(root, faults="sam-v1")
+    create_masks(root, faults="sam-v1")
     assert open_masks(root / "masks").faults == "sam-v1"
     assert "from exact with the faults sam-v1" in capsys.readouterr().out
 
 
 def test_imported_masks_and_a_sheet_from_the_command_line(root, tmp_path, capsys):
-    masks(root)
+    create_masks(root)
     source = tmp_path / "elsewhere"
     (root / "masks").rename(source)
     arguments = ["masks", str(root), "--source", "import", "--from", str(source), "--sheet", str(tmp_path / "sheets")]

@@ -41,7 +41,7 @@ def test_same_arguments_give_same_numbers() -> None:
 
 @pytest.mark.parametrize(("seed", "number"), [(-1, 0), (0, -1), (0, 1 << 32)])
 def test_numbers_outside_the_range_are_refused(seed: int, number: int) -> None:
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match=r"-1|non-negative|32 bits"):
         make_generator(seed, Stream.RGB_VIEWS, number)
 
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from little_scenes import Splats, plain_splats, random_splats, small_camera
+from pixel_walks import find_pixel_contributors
 
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings, choose_raster_settings
-from instdrive_core.rasterize.pixel_contributors import find_pixel_contributors, pick_winner
+from instdrive_core.rasterize.pixel_contributors import pick_winner
 from instdrive_core.rasterize.preview import render_preview
 from instdrive_core.rasterize.reference import render_reference
 from instdrive_core.rasterize.render import render, render_backward

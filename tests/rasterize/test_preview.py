@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from little_scenes import Splats, plain_splats, random_splats, small_camera
+from pixel_walks import find_pixel_contributors
 
-from instdrive_core.rasterize.pixel_contributors import find_pixel_contributors, pick_winner
+from instdrive_core.rasterize.pixel_contributors import pick_winner
 from instdrive_core.rasterize.preview import PickRule, render_preview
 from instdrive_core.rasterize.reference import compute_fragment_weights, evaluate_fragments, find_blended_fragments
 from instdrive_core.rasterize.render import render

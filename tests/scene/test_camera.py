@@ -18,7 +18,7 @@ def test_the_target_lies_ahead_and_up_is_up():
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(1, 50))
 def test_points_on_a_pixels_ray_project_to_its_centre(x, y, distance):
     column, row = round(32 + 10 * x), round(24 + 7 * y)
-    point = CAMERA.position + distance * CAMERA.ray_directions()[row, column]
+    point = CAMERA.position + distance * CAMERA.compute_ray_directions()[row, column]
     pixels, depths = CAMERA.project(point[None])
     np.testing.assert_allclose(pixels[0], [column + 0.5, row + 0.5], atol=1e-6)
     assert depths[0] > 0

@@ -20,7 +20,7 @@ steps = st.lists(
 @given(steps)
 def test_every_reader_is_told_of_all_rows_touched_since_it_last_asked(script):
     log = DirtyRows(COUNT)
-    readers, untold = [log.reader() for _ in range(3)], [set(range(COUNT)) for _ in range(3)]
+    readers, untold = [log.create_reader() for _ in range(3)], [set(range(COUNT)) for _ in range(3)]
     for what, value in script:
         if what == "touch":
             log.touch(*value)
@@ -34,7 +34,7 @@ def test_every_reader_is_told_of_all_rows_touched_since_it_last_asked(script):
 
 def test_a_reader_that_keeps_up_is_told_the_range_and_no_more():
     log = DirtyRows(COUNT)
-    reader = log.reader()
+    reader = log.create_reader()
     assert reader.take() == (0, COUNT)
     for start in range(300):
         log.touch(start % 30, start % 30 + 2)
@@ -46,7 +46,7 @@ def test_a_reader_that_keeps_up_is_told_the_range_and_no_more():
 
 def test_readers_do_not_take_from_each_other():
     log = DirtyRows(COUNT)
-    first, second = log.reader(), log.reader()
+    first, second = log.create_reader(), log.create_reader()
     assert first.take() == second.take() == (0, COUNT)
     log.touch(1, 2)
     assert first.take() == (1, 2)
@@ -56,7 +56,7 @@ def test_readers_do_not_take_from_each_other():
 @pytest.mark.parametrize(("touched", "left"), [((30, 40), None), ((10, 40), (10, 20)), ((5, 6), (5, 6))])
 def test_rows_that_are_gone_are_forgotten(touched, left):
     log = DirtyRows(COUNT)
-    reader = log.reader()
+    reader = log.create_reader()
     reader.take()
     log.touch(*touched)
     log.shorten(20)
@@ -64,4 +64,4 @@ def test_rows_that_are_gone_are_forgotten(touched, left):
 
 
 def test_no_rows_are_never_dirty():
-    assert DirtyRows(0).reader().take() is None
+    assert DirtyRows(0).create_reader().take() is None

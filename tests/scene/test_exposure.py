@@ -16,22 +16,22 @@ def exposures() -> Exposures:
 
 def test_a_photo_has_its_own(exposures):
     for key, time, matrix in zip(exposures.keys, exposures.times, exposures.matrices, strict=True):
-        np.testing.assert_array_equal(exposures.at(key.split("/")[0], float(time)), matrix)
+        np.testing.assert_array_equal(exposures.interpolate(key.split("/")[0], float(time)), matrix)
 
 
 def test_between_photos_of_the_same_camera_it_is_linear_and_clamped_outside(exposures):
     late, early, back, middle = exposures.matrices
-    np.testing.assert_allclose(exposures.at("front_camera", 0.25), 0.75 * early + 0.25 * middle, atol=1e-6)
-    np.testing.assert_allclose(exposures.at("front_camera", 1.5), (middle + late) / 2, atol=1e-6)
-    np.testing.assert_array_equal(exposures.at("front_camera", -3.0), early)
-    np.testing.assert_array_equal(exposures.at("front_camera", 30.0), late)
-    np.testing.assert_array_equal(exposures.at("back_camera", 7.0), back)
+    np.testing.assert_allclose(exposures.interpolate("front_camera", 0.25), 0.75 * early + 0.25 * middle, atol=1e-6)
+    np.testing.assert_allclose(exposures.interpolate("front_camera", 1.5), (middle + late) / 2, atol=1e-6)
+    np.testing.assert_array_equal(exposures.interpolate("front_camera", -3.0), early)
+    np.testing.assert_array_equal(exposures.interpolate("front_camera", 30.0), late)
+    np.testing.assert_array_equal(exposures.interpolate("back_camera", 7.0), back)
 
 
 def test_an_unknown_camera_has_the_identity(exposures):
-    np.testing.assert_array_equal(exposures.at("left_camera", 0.0), np.eye(3, 4))
+    np.testing.assert_array_equal(exposures.interpolate("left_camera", 0.0), np.eye(3, 4))
     empty = Exposures((), np.zeros(0), np.zeros((0, 3, 4), np.float32))
-    np.testing.assert_array_equal(empty.at("front_camera", 0.0), np.eye(3, 4))
+    np.testing.assert_array_equal(empty.interpolate("front_camera", 0.0), np.eye(3, 4))
 
 
 def test_exposing_is_affine_and_the_identity_keeps_every_bit():

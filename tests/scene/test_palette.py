@@ -30,7 +30,7 @@ def test_equal_entries_are_shared_and_truncation_forgets():
 
 def test_assigning_returns_what_was_there_and_marks_it_dirty():
     palette = ColorPalette(6)
-    reader = palette.dirty_reader()
+    reader = palette.create_dirty_reader()
     assert reader.take() == (0, 6)
     version, entry = palette.version, palette.add(RED)
     before = palette.assign(np.array([1, 4]), np.array([entry, entry], np.uint16))

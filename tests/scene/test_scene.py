@@ -8,15 +8,15 @@ from instdrive_core.scene.scene import extract_node_rotations, place_in_world, s
 
 def test_pose_palette_names_background_first_and_who_is_present():
     scene = random_scene(actors=2)
-    poses, present = scene.at(0.1)
+    poses, present = scene.find_node_poses(0.1)
     np.testing.assert_array_equal(poses[0], np.eye(4))
-    np.testing.assert_allclose(poses[1], scene.actors[0].pose_at(0.1))
+    np.testing.assert_allclose(poses[1], scene.actors[0].interpolate_pose(0.1))
     assert present.tolist() == [1, 1, 0]
 
 
 def test_placing_moves_actors_and_leaves_the_background_alone():
     scene = random_scene(actors=2)
-    gaussians, (poses, _) = scene.gaussians, scene.at(0.3)
+    gaussians, (poses, _) = scene.gaussians, scene.find_node_poses(0.3)
     means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     still = scene.nodes == 0
     assert means[still].tobytes() == gaussians.means[still].tobytes()
@@ -29,7 +29,7 @@ def test_placing_moves_actors_and_leaves_the_background_alone():
 
 def test_a_static_scene_is_not_copied_by_placing():
     scene = scene_from_gaussians(random_scene().gaussians)
-    poses, _ = scene.at(0.0)
+    poses, _ = scene.find_node_poses(0.0)
     means, quats = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     assert means is scene.gaussians.means
     assert quats is scene.gaussians.quats

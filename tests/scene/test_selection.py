@@ -13,7 +13,7 @@ def test_only_rows_that_really_change_are_returned(state):
     assert state.change(np.array([1, 4, 5]), Flag.SELECTED, True).tolist() == [1, 4, 5]
     assert state.change(np.array([4, 6]), Flag.SELECTED, True).tolist() == [6]
     assert state.change(np.array([0, 1]), Flag.SELECTED, False).tolist() == [1]
-    assert state.rows_with(Flag.SELECTED).tolist() == [4, 5, 6]
+    assert state.find_rows(Flag.SELECTED).tolist() == [4, 5, 6]
 
 
 def test_bits_are_independent(state):
@@ -22,13 +22,13 @@ def test_bits_are_independent(state):
     state.change(np.array([3]), Flag.LOCKED, False)
     assert state.flags[3] == Flag.SELECTED | Flag.HIDDEN | Flag.DELETED
     assert not state.drawn[3]
-    assert state.mask(Flag.LOCKED | Flag.DELETED).sum() == 1
+    assert state.find_mask(Flag.LOCKED | Flag.DELETED).sum() == 1
     state.change(np.array([3]), Flag.HIDDEN | Flag.DELETED, False)
     assert state.drawn.all()
 
 
 def test_dirty_range_and_version_follow_changes(state):
-    version, reader = state.version, state.dirty_reader()
+    version, reader = state.version, state.create_dirty_reader()
     reader.take()
     state.change(np.array([2]), Flag.HIDDEN, False)
     assert state.version == version
@@ -42,7 +42,7 @@ def test_dirty_range_and_version_follow_changes(state):
 
 def test_growing_appends_clean_rows(state):
     state.change(np.array([9]), Flag.DELETED, True)
-    reader = state.dirty_reader()
+    reader = state.create_dirty_reader()
     reader.take()
     state.append(3)
     assert len(state) == 13

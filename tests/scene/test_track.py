@@ -12,15 +12,15 @@ def track():
 
 
 def test_poses_at_and_between_steps(track):
-    np.testing.assert_allclose(track.pose_at(0.2), track.world_from_box[2], atol=1e-9)
-    middle = track.pose_at(0.25)
+    np.testing.assert_allclose(track.interpolate_pose(0.2), track.world_from_box[2], atol=1e-9)
+    middle = track.interpolate_pose(0.25)
     np.testing.assert_allclose(middle[:3, 3], track.world_from_box[2:4, :3, 3].mean(axis=0))
     np.testing.assert_allclose(middle[:3, :3] @ middle[:3, :3].T, np.eye(3), atol=1e-9)
 
 
 def test_outside_its_time_the_track_stands_still_and_is_not_covered(track):
-    np.testing.assert_array_equal(track.pose_at(-5.0), track.world_from_box[0])
-    np.testing.assert_array_equal(track.pose_at(99.0), track.world_from_box[-1])
+    np.testing.assert_array_equal(track.interpolate_pose(-5.0), track.world_from_box[0])
+    np.testing.assert_array_equal(track.interpolate_pose(99.0), track.world_from_box[-1])
     assert track.covers(-0.05)
     assert track.covers(0.45)
     assert not track.covers(-0.1)
@@ -29,7 +29,7 @@ def test_outside_its_time_the_track_stands_still_and_is_not_covered(track):
 
 def test_path_length(track):
     steps = np.linalg.norm(np.diff(track.world_from_box[:, :3, 3], axis=0), axis=1)
-    assert track.path_length() == pytest.approx(steps.sum())
+    assert track.compute_path_length() == pytest.approx(steps.sum())
 
 
 def test_points_inside_a_turned_box():

@@ -32,7 +32,7 @@ def drive() -> Clip:
     for step in STEPS:
         time = 0.1 * step
         ground = np.stack([rng.uniform(-6, 6, 3000), rng.uniform(4, 25, 3000), np.zeros(3000)], axis=1)
-        cars = [box_points(t.pose_at(time), rng, 400) for t in (moving, parked)]
+        cars = [box_points(t.interpolate_pose(time), rng, 400) for t in (moving, parked)]
         points = np.concatenate([ground, *cars]).astype(np.float32)
         classes = np.repeat([ROAD, CAR, CAR], [3000, 400, 400]).astype(np.uint8)
         loaded = SweepPoints(points, np.zeros(len(points), np.float32), np.zeros(len(points), np.uint8), classes)

@@ -47,7 +47,7 @@ def box_surface(size: np.ndarray) -> np.ndarray:
 
 def exact_labels(camera: Camera, boxes: list[tuple[int, np.ndarray, np.ndarray]]) -> np.ndarray:
     """Nearest box per pixel, else the road where the ray meets it, else 0 for the sky."""
-    rays = camera.ray_directions()
+    rays = camera.compute_ray_directions()
     downward = np.minimum(rays[..., 2:], -1e-9)
     hits = camera.position - rays * camera.position[2] / downward
     on_road = (np.abs(hits[..., 0]) < ROAD_SIDE) & (hits[..., 1] > -ROAD_SIDE) & (hits[..., 1] < ROAD_END)
@@ -116,8 +116,8 @@ def toy_drive() -> ToyDrive:
         for name, target in (("front", [0.0, 10.0, 0.5]), ("side", [3.0, 8.0, 0.5])):
             at = look_at(np.array([-1.0 if name == "front" else 0.5, -2.0 + 0.1 * index, 2.0]), np.array(target))
             camera = Camera(170.0, 170.0, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT, at)
-            boxes = [(PARKED, parked.pose_at(time), parked.dimensions), *poles]
-            boxes.append((DRIVING, driving.pose_at(time), driving.dimensions))
+            boxes = [(PARKED, parked.interpolate_pose(time), parked.dimensions), *poles]
+            boxes.append((DRIVING, driving.interpolate_pose(time), driving.dimensions))
             seen = exact_labels(camera, boxes)
             photo = np.round(COLORS[seen] * 255).astype(np.uint8)
             valid = np.ones(seen.shape, bool)

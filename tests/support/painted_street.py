@@ -29,7 +29,7 @@ def camera() -> Camera:
 def truth(time: float) -> np.ndarray:
     """The class that each pixel shows (h, w)."""
     view = camera()
-    rays = view.ray_directions()
+    rays = view.compute_ray_directions()
     labels = np.where(rays[..., 2] < 0, ROAD, SKY)
     distance = np.where(rays[..., 2] < 0, -1.6 / np.minimum(rays[..., 2], -1e-9), np.inf)
     to_wall = WALL_Y / rays[..., 1]

@@ -39,6 +39,19 @@ def write_small_clip(root: Path, suffix: str = ".pkl.gz") -> Path:
     return root
 
 
+def write_exact_labels(root: Path) -> Path:
+    """Write labels beside a small clip, the road everywhere, and return its folder."""
+    for camera in ("front_camera", "back_camera"):
+        for step in STEPS:
+            for name in (f"{camera}/{step:02d}.png", f"sky/{camera}/{step:02d}.png"):
+                (root / "labels" / name).parent.mkdir(parents=True, exist_ok=True)
+                value = np.uint8(0) if name.startswith("sky") else np.uint16(7)
+                Image.fromarray(np.full((HEIGHT, WIDTH), value)).save(root / "labels" / name)
+    table = {"7": {"class": "Road", "kind": "stuff", "moving": False, "uuid": None}}
+    write_json(root / "labels" / "instances.json", table)
+    return root
+
+
 def offset(x: float, y: float, z: float) -> np.ndarray:
     """Metres along the world's axes."""
     return np.array([x, y, z])

@@ -11,7 +11,10 @@ FOLDERS = {"instdrive_core": "instdrive_core", "app": "instdrive_app"}
 RESOURCES = {"shaders": "instdrive_app/shaders", "assets": "instdrive_app/assets"}
 ARCHIVED = ("tests", "benchmarks", "docs", "examples")
 """Only in the source archive."""
-FILES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "Makefile", "constraints.txt")
+FILES = (
+    *("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "Makefile", "constraints.txt", "mkdocs.yml"),
+    *("CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff"),
+)
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
 
 

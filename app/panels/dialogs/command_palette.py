@@ -74,7 +74,7 @@ class CommandPalette:
         clicked, line = None, imgui.get_text_line_height_with_spacing()
         if imgui.begin_child("##found", ImVec2(0, ROWS * line)):
             if not found:
-                draw_dim_text("No action matches")
+                draw_dim_text("No command matches")
             for number, command in enumerate(found):
                 if self._draw_row(ui, command, number == self._chosen):
                     clicked = command

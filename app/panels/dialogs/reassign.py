@@ -28,7 +28,7 @@ class ReassignDialog:
         if document is None:
             return
         self._search, self._target = "", NEW
-        self._count = len(document.state.rows_with(Flag.SELECTED))
+        self._count = len(document.state.find_rows(Flag.SELECTED))
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:

@@ -109,4 +109,4 @@ class AdjustSection:
     def _find_look(self, document: Document, ids: Ids) -> AdjustmentSummary:
         """Look up the instances' adjustments; the answer is kept until something changes."""
         key = (ids, document.versions.colors, document.versions.states, document.versions.table)
-        return self._look.of(document, key, lambda: summarize_adjustments(document, ids))
+        return self._look.get(document, key, lambda: summarize_adjustments(document, ids))

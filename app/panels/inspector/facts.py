@@ -50,13 +50,13 @@ class FactsSection:
     def _sum_up(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
         """Classes, and numbers of splats drawn and selected; kept until something changes."""
 
-        def in_sum() -> tuple[set[str], int, int]:
+        def sum_states() -> tuple[set[str], int, int]:
             counts = document.count_states()
             chosen = np.isin(counts.ids, ids)
             drawn, selected = int(counts.drawn[chosen].sum()), int(counts.selected[chosen].sum())
             return {document.scene.table[i].class_name for i in ids}, drawn, selected
 
-        return self._known.of(document, (ids, document.versions.states, document.versions.table), in_sum)
+        return self._known.get(document, (ids, document.versions.states, document.versions.table), sum_states)
 
     def _draw_class_popup(self, ui: Ui, document: Document, ids: Ids) -> None:
         if not imgui.begin_popup("##known classes"):
@@ -108,7 +108,7 @@ def _draw_single_instance(document: Document, instance: Instance) -> None:
     draw_fact("Size", f"{size[0]:.2f} × {size[1]:.2f} × {size[2]:.2f} m")
     if instance.node:
         track = document.scene.actors[instance.node - 1]
-        draw_fact("Moves", f"{track.path_length():.1f} m along its track")
+        draw_fact("Moves", f"{track.compute_path_length():.1f} m along its track")
     if document.scene.code_bits:
         draw_fact("Codeword", str(instance.codeword))
         imgui.same_line(0, scale_pixels(10))

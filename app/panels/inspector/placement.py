@@ -39,7 +39,7 @@ class PlacementSection:
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """Draw one frame."""
         moving = ui.session.movement
-        present = moving.placement()
+        present = moving.find_placement()
         if self._before is None or not any(field.in_use for field in (*self._position, self._yaw, self._scale)):
             self._before = present  # a drag counts from where it began
         self._draw_position(ui, present)

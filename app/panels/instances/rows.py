@@ -37,7 +37,7 @@ class _States:
     locked: Bool[ndarray, " m"]
 
     @classmethod
-    def of(cls, counts: InstanceCounts) -> _States:
+    def from_counts(cls, counts: InstanceCounts) -> _States:
         left = counts.count - counts.deleted
         alive = left > 0
         return cls(
@@ -86,7 +86,7 @@ class InstanceRows:
         table_changed = document is not self._document or before is None or now.table != before.table
         changed = table_changed or query != self._query
         if before is None or table_changed or now.states != before.states:
-            states = _States.of(document.count_states())
+            states = _States.from_counts(document.count_states())
             changed = changed or not states.equals(self._states)
             if changed:
                 self._count(document, states)

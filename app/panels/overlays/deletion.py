@@ -85,7 +85,7 @@ def _place_residue(found: DeletionFindings, scene: Scene, time: float) -> Float6
     places, nodes = found.residue[::step], found.nodes[::step]
     if not nodes.any():
         return places
-    poses = scene.at(time)[0][nodes]
+    poses = scene.find_node_poses(time)[0][nodes]
     return np.einsum("nij,nj->ni", poses[:, :3, :3], places) + poses[:, :3, 3]
 
 

@@ -59,7 +59,7 @@ class Gizmo:
             self.holds_mouse = False
             moving.end_drag()
             return
-        camera, box = snapshot.camera, moving.box()
+        camera, box = snapshot.camera, moving.find_box()
         pen = WorldPen(camera, place)
         for first, second in BOX_EDGES:
             pen.draw_line(box.corners[first], box.corners[second], pack_color(ACCENT, 0.45))
@@ -67,16 +67,16 @@ class Gizmo:
         axes = choose_gizmo_axes(moving, box, operation) if drag is None else drag.axes
         if operation == "move" and moving.options.along_lane:
             reach = LANE_METRES * axes[:, 1]
-            pen.draw_dashes(moving.center() - reach, moving.center() + reach, pack_color(TEXT, 0.55))
+            pen.draw_dashes(moving.find_center() - reach, moving.find_center() + reach, pack_color(TEXT, 0.55))
         self._manipulate(ui, place, camera, operation, axes)
-        _mark_handles(ui, pen, camera, operation, moving.center(), axes)
+        _mark_handles(ui, pen, camera, operation, moving.find_center(), axes)
 
     def _manipulate(
         self, ui: Ui, place: Rectangle, camera: Camera, operation: Operation, axes: Float64[ndarray, "3 3"]
     ) -> None:
         """Let ImGuizmo turn mouse movement into a matrix, relative to where the drag began, and apply it."""
         moving = ui.session.movement
-        center = moving.center() if moving.drag is None else moving.drag.center
+        center = moving.find_center() if moving.drag is None else moving.drag.center
         if moving.drag is None:
             self._matrix = np.eye(4)
             self._matrix[:3, :3] = axes
@@ -106,7 +106,7 @@ class Gizmo:
             self._matrix = np.array(matrix.values, np.float64).reshape(4, 4).T
             moving.drag_to(*extract_change(self._matrix, axes))
             if operation == "move" and moving.drag is not None:  # the handles go where the constraints let things go
-                self._matrix[:3, 3] = moving.center() - center
+                self._matrix[:3, 3] = moving.find_center() - center
         if not using:
             moving.end_drag()
         # A press that began elsewhere, to turn the camera, goes on across the handles.
@@ -116,7 +116,7 @@ class Gizmo:
 
 def choose_gizmo_axes(moving: MoveController, box: Box, operation: Operation) -> Float64[ndarray, "3 3"]:
     """The handles' axes as columns x, y, z: the box's without its tilt; y follows the lane if moves are bound to it."""
-    lane = moving.lane() if operation == "move" and moving.options.along_lane else None
+    lane = moving.find_lane() if operation == "move" and moving.options.along_lane else None
     return box.upright_axes if lane is None else compute_upright_axes(lane)
 
 

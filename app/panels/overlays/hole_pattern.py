@@ -47,12 +47,12 @@ def build_hole_pattern(hole: Hole) -> HolePattern:
     filled = np.zeros(cells.max(axis=0) - low + 2, bool)
     filled[tuple((cells - low).T)] = True
 
-    def placed(corners: Int64[ndarray, "k c 2"]) -> Float64[ndarray, "k c 3"]:
+    def place(corners: Int64[ndarray, "k c 2"]) -> Float64[ndarray, "k c 3"]:
         flat = (corners + low).reshape(-1, 2)
         places = np.array(hole.grid.corner) + hole.grid.size * flat @ hole.grid.axes
         return hole.grid.lift_to_ground(places).reshape(*corners.shape[:2], 3)
 
-    return HolePattern(placed(_build_stripes(filled)), placed(_build_hatching(filled)), placed(_build_outline(filled)))
+    return HolePattern(place(_build_stripes(filled)), place(_build_hatching(filled)), place(_build_outline(filled)))
 
 
 def project_shapes(shapes: Float64[ndarray, "k c 3"], camera: Camera) -> Pixels:

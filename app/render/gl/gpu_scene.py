@@ -42,11 +42,11 @@ class GpuScene:
         self._ctx, self._shown_sky = ctx, document.scene.sky
         self.sky = upload_sky(ctx, document.scene.sky)
         self._world = WorldMeans(document)
-        self._new_rows = document.new_rows.reader()
+        self._new_rows = document.new_rows.create_reader()
         self._uploaded = 0
-        self._dirty_states = document.state.dirty_reader()
-        self._dirty_colors = document.colors.dirty_reader()
-        self._dirty_transforms = document.transforms.dirty_reader()
+        self._dirty_states = document.state.create_dirty_reader()
+        self._dirty_colors = document.colors.create_dirty_reader()
+        self._dirty_transforms = document.transforms.create_dirty_reader()
         self._hidden, self._ids = np.zeros(0, np.uint8), np.zeros(0, np.uint32)
         self._versions: DocumentVersions | None = None
         self._pose_texels = np.zeros((0, 4, 4), np.float32)

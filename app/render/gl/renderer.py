@@ -161,7 +161,7 @@ class GlRenderer:
         return targets
 
     def _has_marks(self, snapshot: FrameSnapshot) -> bool:
-        return snapshot.hovered != 0 or bool(self._document.state.mask(Flag.SELECTED).any())
+        return snapshot.hovered != 0 or bool(self._document.state.find_mask(Flag.SELECTED).any())
 
     def _draw_exact_rows(self, snapshot: FrameSnapshot) -> Targets:
         self.scene.update(snapshot.time)

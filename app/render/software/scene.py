@@ -33,7 +33,7 @@ class SceneState:
     instance_ids: UInt32[ndarray, " n"]
     flags: UInt8[ndarray, " n"]
     color_entries: UInt16[ndarray, " n"]
-    color_values: Float32[ndarray, "p 13"]
+    color_values: Float32[ndarray, "p 30"]
     move_entries: UInt16[ndarray, " n"]
     move_matrices: Float64[ndarray, "q 3 4"]
     actors: tuple[Track, ...]
@@ -44,7 +44,7 @@ class SceneState:
 
     def compute_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
         """Compute world_from_node of background and actors at a time (seconds), and which are present then."""
-        poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
+        poses = [np.eye(4), *(actor.interpolate_pose(time) for actor in self.actors)]
         return np.stack(poses), np.array([True, *(actor.covers(time) for actor in self.actors)], np.uint8)
 
 

@@ -97,7 +97,7 @@ def build_colmap_camera(
 def invert_colmap_pose(
     file: Path, where: str, quat: Sequence[float], translation: Sequence[float]
 ) -> Float64[ndarray, "4 4"]:
-    """The inverse of COLMAP's camera-from-world pose (quaternion w first). Raises DataError where it is no pose."""
+    """Invert COLMAP's camera-from-world pose (quaternion w first). Raises DataError where it is no pose."""
     norm = math.hypot(*quat)
     if not abs(norm - 1) < 0.01 or not (np.abs(translation) < 1e9).all():
         problem = f"{where}: the pose is {[*quat]}, {[*translation]}; expected a unit quaternion and a position"

@@ -17,9 +17,9 @@ from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.scene.camera import Camera
 
 _MOST_WORDS = 32
-"""Of a camera; COLMAP's have up to 16."""
+"""Most parameters of a camera; COLMAP's have up to 16."""
 _MOST_DIGITS = 18
-"""Of a count that is compared; Python refuses to read thousands."""
+"""Most digits of a count; Python refuses to read thousands."""
 _PROMISE = re.compile(r"#\s*Number of (?:cameras|images|points):\s*(\d+)")
 
 

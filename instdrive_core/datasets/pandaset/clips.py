@@ -64,6 +64,11 @@ class _CameraFiles:
     photos: dict[int, Path]
 
 
+def holds_pandaset(path: str | Path) -> bool:
+    """Whether the folder holds photos by camera."""
+    return (Path(path) / "camera").is_dir()
+
+
 def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     """Open one PandaSet sequence, e.g. ``pandaset/002``. Photos and sweeps are read when asked for.
 
@@ -71,12 +76,9 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     camera, an empty frame range or an unusable scale.
     """
     root = Path(path)
-    if not (root / "camera").is_dir():
-        remedy = (
-            "Give the folder of one PandaSet sequence, e.g. pandaset/002, of a COLMAP model (sparse/0) with its photos "
-            "(images), or one that holds a transforms.json"
-        )
-        raise DataError(root, "is no driving clip: the folder 'camera' is missing", remedy)
+    if not holds_pandaset(root):
+        problem = "is no sequence of PandaSet: the folder 'camera' is missing"
+        raise DataError(root, problem, "Give the folder of one sequence, e.g. pandaset/002")
     if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
     times = _read_step_times(root)
@@ -89,9 +91,13 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     if not any(camera.photos for camera in cameras):
         steps = f"{options.first_frame or 0}–{options.last_frame if options.last_frame is not None else 'last'}"
         raise OptionError(f"{root}: no photo lies in the frames {steps}; choose other frames or cameras")
-    for camera in cameras:
-        if not camera.photos:
-            logger.warning("%s: no photo of the chosen frames; going on without it", root / "camera" / camera.name)
+    notes = [
+        f"{camera.name} has no photo of the chosen frames; going on without it"
+        for camera in cameras
+        if not camera.photos
+    ]
+    for note in notes:
+        logger.warning("%s: %s", root, note)
     cameras = [camera for camera in cameras if camera.photos]
     origin = _choose_origin(cameras)
     scale = options.scale or _choose_scale(cameras)
@@ -118,12 +124,12 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         class_names=classes,
         camera_names=tuple(camera.name for camera in cameras),
         points=points,
-        notes=() if sweeps else (describe_start(0),),
+        notes=(*notes, *(() if sweeps else (describe_start(0),))),
     )
 
 
 def list_numbered_files(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".pkl")) -> dict[int, Path]:
-    """Files ``NN<suffix>`` of a folder by number; earlier suffixes win. Empty where there is no such folder."""
+    """List files ``NN<suffix>`` of a folder by number; earlier suffixes win. Empty where there is no such folder."""
     found: dict[int, Path] = {}
     for suffix in reversed(suffixes):
         for file in folder.glob(f"*{suffix}"):
@@ -134,7 +140,7 @@ def list_numbered_files(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".
 
 
 def _read_step_times(root: Path) -> list[float]:
-    """Seconds of all listed time steps since the first."""
+    """Read the seconds of all listed time steps since the first."""
     for name in ("meta/timestamps.json", "lidar/timestamps.json", f"camera/{CAMERAS[0]}/timestamps.json"):
         file = root / name
         if file.is_file():
@@ -213,7 +219,7 @@ def _parse_pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
 
 
 def _keep_asked_frames(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
-    """The camera with its photos reduced to the asked frames."""
+    """Keep only a camera's photos of the asked frames."""
     first = -math.inf if options.first_frame is None else options.first_frame
     last = math.inf if options.last_frame is None else options.last_frame
     return replace(camera, photos={index: photo for index, photo in camera.photos.items() if first <= index <= last})

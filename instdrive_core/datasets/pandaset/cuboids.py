@@ -37,7 +37,7 @@ class _Cuboid:
 
 
 def load_tracks(folder: Path, indices: range, times: list[float], origin: Float64[ndarray, "3"]) -> tuple[Track, ...]:
-    """Tracks of the cuboids in the given time steps, relative to `origin`, each object once.
+    """Load the tracks of the cuboids in the given time steps, relative to `origin`, each object once.
 
     An object that moves where both LiDARs see it is annotated twice, as siblings with different uuids, each where that
     LiDAR met it. Siblings become one track; in each step the spinning LiDAR's cuboid is taken if there is one, because
@@ -95,7 +95,7 @@ def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
 
 
 def _merge_siblings(cuboids: list[_Cuboid]) -> dict[str, str]:
-    """The uuid that stands for each uuid's object: of two siblings the spinning LiDAR's, else the first by name."""
+    """Choose the uuid that stands for each uuid's object: of siblings the spinning LiDAR's, else the first by name."""
     sensors: dict[str, set[int]] = defaultdict(set)
     for cuboid in cuboids:
         sensors[cuboid.uuid].add(cuboid.sensor)
@@ -130,5 +130,5 @@ def _build_track(uuid: str, cuboids: dict[int, _Cuboid], times: list[float], ori
         times=np.array([times[index] for index in indices]),
         world_from_box=poses,
     )
-    moving = track.path_length() > MOVING_PATH_LENGTH
+    moving = track.compute_path_length() > MOVING_PATH_LENGTH
     return Track(track.id, track.label, track.dimensions, track.times, track.world_from_box, moving)

@@ -21,13 +21,14 @@ FARTHEST = 1e9
 
 
 def find_numbered_pickle(folder: Path, index: int) -> Path | None:
-    """``NN.pkl.gz`` or ``NN.pkl`` of a folder; None where there is neither."""
+    """Find ``NN.pkl.gz`` or ``NN.pkl`` in a folder; None where there is neither."""
     candidates = (folder / f"{index:02d}{suffix}" for suffix in (".pkl.gz", ".pkl"))
     return next((file for file in candidates if file.is_file()), None)
 
 
 def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"]) -> SweepPoints:
-    """The sweep of a time step relative to `origin`, with semantic classes and exact instances where the clip has them.
+    """Load the sweep of a time step relative to `origin`, with semantic classes and exact instances where the clip has
+    them.
 
     Raises DataError where a file is missing or damaged, or a value in it is not finite.
     """
@@ -61,7 +62,7 @@ def _read_numeric_column(file: Path, table: dict[str, ndarray], name: str) -> Fl
 
 
 def _read_byte_column(file: Path, table: dict[str, ndarray], name: str) -> UInt8[ndarray, " n"]:
-    """A column of small whole numbers: classes, or which LiDAR it was."""
+    """Read a column of small whole numbers: classes, or which LiDAR it was."""
     column = _read_numeric_column(file, table, name)
     wrong = np.flatnonzero((column < 0) | (column > 255) | (column != np.floor(column)))
     if len(wrong):
@@ -71,7 +72,7 @@ def _read_byte_column(file: Path, table: dict[str, ndarray], name: str) -> UInt8
 
 
 def _load_classes(root: Path, index: int, count: int) -> UInt8[ndarray, " n"] | None:
-    """Semantic classes row by row; None where there are none, or as many as points only by chance (a known fault)."""
+    """Load semantic classes row by row; None where there are none, or not as many as points (a known fault)."""
     file = find_numbered_pickle(root / "annotations" / "semseg", index)
     if file is None:
         return None
@@ -83,7 +84,7 @@ def _load_classes(root: Path, index: int, count: int) -> UInt8[ndarray, " n"] | 
 
 
 def _load_instance_labels(root: Path, index: int, count: int) -> UInt32[ndarray, " n"] | None:
-    """Exact instance per point, as synthetic clips have them."""
+    """Load the exact instance of each point, as synthetic clips have them."""
     file = root / "labels" / "lidar" / f"{index:02d}.npy"
     if not file.is_file():
         return None

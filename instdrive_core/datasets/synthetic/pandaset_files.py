@@ -19,13 +19,13 @@ Pose = Float64[ndarray, "4 4"]
 
 
 def write_json(path: Path, content: object) -> None:
-    """JSON on one line."""
+    """Write JSON on one line."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content))
 
 
 def describe_pose(pose: Pose) -> dict[str, dict[str, float]]:
-    """A pose as PandaSet writes it: position and quaternion wxyz."""
+    """Describe a pose as PandaSet does: position and quaternion wxyz."""
     quaternion = quaternion_from_matrix(pose[:3, :3])
     return {
         "position": dict(zip("xyz", map(float, pose[:3, 3]), strict=True)),
@@ -34,8 +34,8 @@ def describe_pose(pose: Pose) -> dict[str, dict[str, float]]:
 
 
 def write_table(path: Path, columns: dict[str, ndarray], index_name: str | None = None) -> None:
-    """A gzipped pickle of a plain DataFrame: numpy columns, column names as objects rather than pandas' own strings,
-    no time of day in the gzip header."""
+    """Write a gzipped pickle of a plain DataFrame: numpy columns, column names as objects rather than pandas' own
+    strings, no time of day in the gzip header."""
     table = pd.DataFrame(columns)
     table.columns = pd.Index(list(columns), dtype=object)
     table.index.name = index_name
@@ -44,7 +44,7 @@ def write_table(path: Path, columns: dict[str, ndarray], index_name: str | None 
 
 
 def write_sweep(folder: Path, step: int, sweep: LidarSweep, world_from_street: Pose, time: float) -> None:
-    """``lidar/NN.pkl.gz`` and ``annotations/semseg/NN.pkl.gz``."""
+    """Write ``lidar/NN.pkl.gz`` and ``annotations/semseg/NN.pkl.gz``."""
     points = sweep.points @ world_from_street[:3, :3].T + world_from_street[:3, 3]
     count = len(points)
     columns = {
@@ -61,7 +61,7 @@ def write_sweep(folder: Path, step: int, sweep: LidarSweep, world_from_street: P
 
 
 def write_classes(folder: Path) -> None:
-    """``annotations/semseg/classes.json``."""
+    """Write ``annotations/semseg/classes.json``."""
     names = {str(k + 1): name for k, name in enumerate(CLASSES)}
     path = folder / "annotations" / "semseg" / "classes.json"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -69,7 +69,7 @@ def write_classes(folder: Path) -> None:
 
 
 def write_cuboids(folder: Path, step: int, street: Street, time: float) -> None:
-    """``annotations/cuboids/NN.pkl.gz``: one row per actor."""
+    """Write ``annotations/cuboids/NN.pkl.gz``, one row per actor."""
     turn = street.world_from_street()
     poses = np.stack([turn @ street.box_pose(actor, time) for actor in street.actors])
     dimensions = np.stack([actor.dimensions for actor in street.actors])

@@ -71,21 +71,21 @@ def write_street(out: Path, config: StreetConfig, progress: Progress | None = No
 
 
 def compute_ego_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
-    """street_from_ego: the recording car's frame (x right, y forward, z up)."""
+    """Compute street_from_ego, the pose of the recording car (x right, y forward, z up)."""
     pose = street.ego.pose(time, street.height)
     pose[2, 3] += EGO_HEIGHT
     return pose
 
 
 def compute_lidar_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
-    """street_from_lidar."""
+    """Compute street_from_lidar, the pose of the LiDAR."""
     mount = np.eye(4)
     mount[:3, 3] = LIDAR_POSITION
     return compute_ego_pose(street, time) @ mount
 
 
 def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list[float]) -> None:
-    """Everything that is no picture, point or box."""
+    """Write everything that is no picture, point or box."""
     world = street.world_from_street()
     stamps = [START_TIME + time for time in times]
     for camera in CAMERAS:

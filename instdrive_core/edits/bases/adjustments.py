@@ -20,7 +20,7 @@ TEMPERATURE_STOPS = 0.5
 
 
 class Range(NamedTuple):
-    """What the amount of an adjustment may be."""
+    """The amounts that an adjustment may have."""
 
     low: float
     high: float

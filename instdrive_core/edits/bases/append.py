@@ -1,4 +1,4 @@
-"""The common ground of edits that add splats: rows at the end, which undo takes away again."""
+"""The base class of edits that add splats: rows at the end, which undo takes away again."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class Addition:
     scene: Scene
     """Rows with final instance IDs and nodes; SH and feature columns as the document's. Its tracks do not count."""
     colors: UInt16[ndarray, " n"]
-    """Entries of the document's colour palette."""
+    """Entry of the document's colour palette for each row."""
     transforms: UInt16[ndarray, " n"]
-    """Entries of the document's transform palette before the shift."""
+    """Entry of the document's transform palette for each row, before the shift."""
     entries: tuple[Instance, ...]
-    """Of the new instances; counted when they are added."""
+    """Table entries of the new instances; counted when they are added."""
     tracks: tuple[Track, ...] = ()
-    """Of new nodes, numbered after those that there are."""
+    """Tracks of the new nodes, which are numbered after the existing ones."""
 
 
 @dataclass
@@ -52,7 +52,7 @@ class AppendEdit(Edit):
 
     @abstractmethod
     def build_addition(self, document: Document) -> Addition:
-        """What is added, not shifted yet. Raises EditError where the edit does not fit."""
+        """What this edit adds, not shifted yet. Raises EditError where the edit does not fit the document."""
 
     @property
     @abstractmethod
@@ -98,7 +98,7 @@ class AppendEdit(Edit):
 
 
 def make_unique_track_id(wanted: str, taken: set[str]) -> str:
-    """`wanted`, or with a number where another track is called so."""
+    """`wanted`, or `wanted` and a number where another track has that ID."""
     name, number = wanted, 1
     while name in taken:
         number += 1

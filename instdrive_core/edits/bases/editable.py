@@ -1,4 +1,4 @@
-"""What of instances may be edited: neither what is deleted nor what is locked."""
+"""Splats of instances that may be edited: neither deleted nor locked."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def find_editable_rows(document: Document, ids: tuple[int, ...]) -> ndarray:
 
 
 def find_editable_parts(document: Document, ids: tuple[int, ...]) -> RowParts:
-    """The same for each of the instances. Raises EditError where one has none left."""
+    """Rows of each instance that are neither deleted nor locked. Raises EditError where an instance has none."""
     parts, flags = document.find_row_parts(ids), document.state.flags
     free = RowParts(*keep_free_rows(parts.rows, parts.bounds, flags, np.uint8(Flag.DELETED | Flag.LOCKED)))
     none_left = np.flatnonzero(free.sizes == 0)
@@ -43,7 +43,7 @@ def _not_editable_error(ids: tuple[int, ...], locked: bool) -> EditError:
 
 
 def check_unlocked(document: Document, ids: Iterable[int]) -> None:
-    """Raises EditError where any of these instances is locked: its name, class and splats are not to change."""
+    """Raise EditError where any of these instances is locked: its name, class and splats must not change."""
     wanted = tuple(ids)
     parts = document.find_row_parts(wanted)
     states = document.state.flags[parts.rows] & np.uint8(Flag.DELETED | Flag.LOCKED)

@@ -1,4 +1,4 @@
-"""The common ground of all edits that only set or clear state bits."""
+"""The base class of edits that only set or clear state bits."""
 
 from __future__ import annotations
 
@@ -50,5 +50,5 @@ class FlagEdit(Edit):
 
 
 def keep_selectable(state: SplatState, rows: ndarray) -> ndarray:
-    """Those of `rows` that are not hidden, locked or deleted."""
+    """Keep the rows that can be selected: neither hidden, locked nor deleted."""
     return rows[(state.flags[rows] & (Flag.HIDDEN | Flag.LOCKED | Flag.DELETED)) == 0]

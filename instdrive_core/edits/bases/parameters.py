@@ -1,4 +1,4 @@
-"""Checks of edits' parameters: edits are read from files, so a parameter may be anything that JSON can hold."""
+"""Checks of edits' parameters. Edits are read from files, so a parameter may be anything that JSON can hold."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def check_ids(ids: Iterable[int]) -> tuple[int, ...]:
 
 
 def check_switch(value: bool, what: str) -> bool:
-    """The same value. Raises EditError where it is not true or false."""
+    """Return a switch as it is. Raises EditError where it is not true or false."""
     if not isinstance(value, bool):
         raise EditError(f"{what} is {value!r}, not true or false")
     return value

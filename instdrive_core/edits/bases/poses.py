@@ -1,4 +1,4 @@
-"""The common ground of all edits of where things are: entries of the transform palette, and tracks."""
+"""The base class of edits that move things: entries of the transform palette, and tracks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from instdrive_core.scene.transforms import Similarity
 
 @dataclass
 class PoseEdit(Edit):
-    """Subclasses say which rows name which entries, and which tracks there are; this class does and undoes it."""
+    """An edit of positions: subclasses say which rows name which entries, and which tracks there are."""
 
     _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
     _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
@@ -39,7 +39,7 @@ class PoseEdit(Edit):
         size_before: int,
         matrix: Similarity | None = None,
     ) -> None:
-        """Point rows at entries, replace tracks by node, and bound the instances `touched` by it again.
+        """Point rows at entries, replace tracks by node, and compute the bounds of the `touched` instances again.
 
         `size_before` is the palette's number of entries before this edit added any. Where bounds can wait, those of
         very many instances stay as they are for now; `matrix` is what moves them, where it is the same for all.

@@ -21,7 +21,7 @@ MAX_NAME_LENGTH = 200
 
 
 class Relabeling(NamedTuple):
-    """Give some rows to an instance, of the table or new to it; None = to no instance."""
+    """Rows and the instance they go to, which may be new to the table; None = no instance."""
 
     rows: ndarray
     target: Instance | None
@@ -54,9 +54,8 @@ class RelabelEdit(Edit):
         table = document.scene.table
         self._table_before = {number: table.instances.get(number) for number in touched}
         self._free_before = document.first_free_id
-        document.scene.instance_ids[self._rows] = ids[changed]
+        assign_instances(document, self._rows, ids[changed])
         document.first_free_id = max(document.first_free_id, max(targets, default=0) + 1)
-        document.note_instances_changed(ids_changed=True)
         for number in touched:
             entry = self._table_before[number] or targets.get(number)
             if entry is not None:
@@ -66,14 +65,21 @@ class RelabelEdit(Edit):
 
     def undo(self, document: Document) -> None:
         """Write the old IDs back and restore the table's entries."""
-        document.scene.instance_ids[self._rows] = self._ids_before
+        assert self._rows is not None
+        assert self._ids_before is not None
+        assign_instances(document, self._rows, self._ids_before)
         restore_entries(document, self._table_before)
         document.first_free_id = self._free_before
-        document.note_instances_changed(ids_changed=True)
+
+
+def assign_instances(document: Document, rows: ndarray, ids: ndarray | int) -> None:
+    """Write the instance IDs of rows (0 = none): the sole writer. The table is left to the caller."""
+    document.scene.instance_ids[rows] = ids
+    document.note_instances_changed(ids_changed=True)
 
 
 def recount_instances(document: Document, ids: Iterable[int]) -> None:
-    """Count and bound instances of the table again, and find their nodes; those without rows leave it."""
+    """Compute counts, bounds and nodes of instances in the table again; those without rows leave the table."""
     table = document.scene.table
     known = [instance_id for instance_id in ids if instance_id in table]
     parts = document.find_row_parts(known)
@@ -113,7 +119,7 @@ def restore_entries(document: Document, entries: dict[int, Instance | None]) -> 
 
 
 def create_instances(document: Document, like: Iterable[Instance | None]) -> list[Instance]:
-    """Entries with IDs that were never used, each with node, codeword, class and a name after another's (or nothing).
+    """New entries with IDs that were never used; each takes node, codeword, class and name from an entry, or from None.
 
     Raises EditError where no 24-bit ID is left.
     """
@@ -133,7 +139,7 @@ def create_instances(document: Document, like: Iterable[Instance | None]) -> lis
 
 
 def get_instance(document: Document, instance_id: int) -> Instance:
-    """The table's entry. Raises EditError where there is none."""
+    """The table's entry of an instance. Raises EditError where there is none."""
     if instance_id not in document.scene.table:
         raise EditError(f"the scene has no instance {instance_id}")
     return document.scene.table[instance_id]

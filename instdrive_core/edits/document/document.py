@@ -44,12 +44,12 @@ class InstanceSummary:
 
     @property
     def is_deleted(self) -> bool:
-        """Nothing is left."""
+        """Every splat is deleted."""
         return self.deleted == self.count
 
     @property
     def is_hidden(self) -> bool:
-        """Something is left, and none of it is drawn."""
+        """Splats are left, and none of them is drawn."""
         return not self.is_deleted and self.drawn == 0
 
     @property
@@ -72,11 +72,11 @@ class InstanceCounts:
 
 
 class DeferredWork(ABC):
-    """What an edit leaves to `Document.run_deferred`."""
+    """Work that an edit leaves to `Document.run_deferred`."""
 
     @abstractmethod
     def do(self, document: Document, rows: int | None) -> bool:
-        """Look at about so many rows, None = all of them; returns whether all is done."""
+        """Do the work for about so many rows, None = all of it; returns whether all is done."""
 
 
 class Document:
@@ -92,20 +92,20 @@ class Document:
         self.transforms = TransformPalette(len(scene))
         self.history = History()
         self.open_scene: Callable[[Path], Scene] | None = None
-        """How edits that insert files open them; whoever knows formats says so."""
+        """Opens the files that edits insert; set by whoever knows formats."""
         self._buffers = RowBuffers()
         self.orientation: Similarity = np.eye(3, 4)
         """From the file's axes to the world's: what turned the whole scene. Written by `replace_surroundings`."""
         self._rows_version = self._track_version = self._table_version = self._surroundings_version = 0
         self.new_rows = DirtyRows(len(scene))
-        """Tells whoever holds stored parameters per splat which rows were not there before, or were others."""
+        """Rows that were added or replaced, for whoever holds copies of the stored parameters."""
         self.first_free_id = _find_first_free_id(scene)
         """No splat has or had this instance ID or a higher one; written by `bases/relabel.py`."""
         self.can_defer_bounds = False
-        """Whether moving very many instances may leave their bounds rough: who says so calls `catch_up` every frame."""
+        """Whether moves of very many instances may leave their bounds for later; who sets it calls `run_deferred`."""
         self._outermost: Edit | None = None
         self.deferred: DeferredWork | None = None
-        """What the last edit has put off and is not done."""
+        """Work that the last edit has deferred and that is not done yet."""
         self._first_tracks = {track.id: track for track in scene.actors}
         self._by_instance: RowIndex | None = None
         self._by_codeword: RowIndex | None = None
@@ -130,7 +130,7 @@ class Document:
         Edits of the same `gesture` (a unique name per slider drag) become one step.
         Raises EditError, with nothing changed, where the edit does not fit the scene.
         """
-        if not self.history.continues_gesture(gesture):  # else what it has put off is undone before the edit is done
+        if not self.history.continues_gesture(gesture):  # else the edit that deferred it is undone first
             self.run_deferred()
         self._outermost = edit
         self.history.apply(edit, self, gesture)
@@ -145,22 +145,22 @@ class Document:
         self._outermost = self.history.next
         return self.history.redo(self)
 
-    def defer(self, edit: Edit, rest: DeferredWork) -> bool:
-        """Leave the rest of what an edit does to `catch_up`; returns False where that must be done at once.
+    def defer(self, edit: Edit, work: DeferredWork) -> bool:
+        """Leave work of an edit to `run_deferred`; returns False where it must be done at once.
 
-        Only the edit that was done last may have anything left to do, and no part of another edit.
+        Only the edit that was done last may defer anything, and no part of another edit.
         """
         if not self.can_defer_bounds or edit is not self._outermost:
             return False
-        self.deferred = rest
+        self.deferred = work
         return True
 
     def drop_deferred(self) -> None:
-        """Forget what was put off: its edit is undone."""
+        """Forget the deferred work: its edit is undone."""
         self.deferred = None
 
     def run_deferred(self, rows: int | None = None) -> None:
-        """Do what the last edit has put off: all of it, or about as much as concerns so many rows."""
+        """Do the work that the last edit deferred: all of it, or about as much as concerns so many rows."""
         if self.deferred is not None and self.deferred.do(self, rows):
             self.deferred = None
 
@@ -170,7 +170,10 @@ class Document:
         return self._get_instance_index().rows(ids)
 
     def find_row_parts(self, instance_ids: Sequence[int]) -> RowParts:
-        """The rows of each of these instances, one after the other, deleted ones included. Raises as `rows_of`."""
+        """The rows of each of these instances, one after the other, deleted ones included.
+
+        Raises EditError for an unknown ID.
+        """
         ids = self._check_known(instance_ids)
         return RowParts(*self._get_instance_index().parts(ids))
 
@@ -203,11 +206,11 @@ class Document:
 
     @property
     def first_tracks(self) -> Mapping[str, Track]:
-        """By the track's ID, what `first_track` gives."""
+        """Tracks before any edit of them, by ID."""
         return dict(self._first_tracks)
 
     def set_first_tracks(self, tracks: Mapping[str, Track]) -> None:
-        """Say anew how tracks were before any edit: for edits of the whole scene, which are no edits of one track."""
+        """Replace the tracks from before any edit: for edits of the whole scene, which are no edits of one track."""
         self._first_tracks = dict(tracks)
 
     def replace_surroundings(self, views: tuple[CameraView, ...], sky: Sky | None, orientation: Similarity) -> None:
@@ -216,7 +219,7 @@ class Document:
         self._surroundings_version += 1
 
     def append_rows(self, added: Scene) -> None:
-        """Add splats at the end, neither coloured nor moved, with no state bit set; told by edits of kind `AppendEdit`.
+        """Add splats at the end, neither coloured nor moved, with no state bit set; for `AppendEdit`.
 
         SH, feature and extra columns must be the scene's, nodes those of its actors.
         """
@@ -280,7 +283,7 @@ class Document:
         return tuple(counts.ids[counts.drawn > 0].tolist())
 
     def note_instances_changed(self, ids_changed: bool) -> None:
-        """Told by edits of the table; `ids_changed` where they wrote `scene.instance_ids` too."""
+        """Take note that an edit changed the table, and with `ids_changed` that it wrote `scene.instance_ids` too."""
         self._table_version += 1
         if ids_changed:
             self._by_instance, self._counts = None, None

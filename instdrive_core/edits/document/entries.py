@@ -1,4 +1,4 @@
-"""Adding entries to a palette for several groups of rows: all of them, or none and an error for the user."""
+"""Adding entries to a palette for several groups of rows: either all of them, or none and an error for the user."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from instdrive_core.errors import EditError
 from instdrive_core.scene.entry_palette import EntryPalette, PaletteFullError
 
 PartsChange = Callable[[Float[ndarray, "k w"], Int64[ndarray, " k"]], Float[ndarray, "k w"]]
-"""What becomes of the values of k entries, each named by the part of the rows whose number it gets."""
+"""Changes the values of k entries, each with the number of the part of rows that names it."""
 
 
 def add_changed_entries(
     palette: EntryPalette, changes: Sequence[tuple[RowParts, Callable[[ndarray], ndarray]]]
 ) -> UInt16[ndarray, " m"]:
-    """The entries that rows should name instead, added where they are new: one change after the other, and of each one
-    part after the other, which all change in the same way.
+    """Add the changed entries of groups of rows; all parts of a group change in the same way.
+
+    Returns the entry that each row should name instead: one group after the other, and in it one part after the other.
 
     Raises EditError, with nothing added, where they do not all fit.
     """
@@ -45,7 +46,9 @@ def _change_each_once(change: Callable[[ndarray], ndarray]) -> PartsChange:
 
 
 def add_part_entries(palette: EntryPalette, parts: RowParts, change: PartsChange) -> UInt16[ndarray, " m"]:
-    """The same for parts that change each in its own way.
+    """Add the changed entries of parts of rows, each of which changes in its own way.
+
+    Returns the entry that each row should name instead.
 
     Raises EditError, with nothing added, where they do not all fit.
     """

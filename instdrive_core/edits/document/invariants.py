@@ -1,4 +1,4 @@
-"""What holds of every document between two edits; for tests, which try to break it."""
+"""Invariants of a document between two edits; for tests, which try to break them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,16 @@ from instdrive_core.scene.selection import Flag
 
 def find_broken_invariants(document: Document) -> list[str]:
     """A sentence for each invariant that does not hold; empty for a sound document."""
-    return [*_lengths(document), *_names(document), *_palettes(document), *_states(document), *_history(document)]
+    return [
+        *_check_lengths(document),
+        *_check_names(document),
+        *_check_palettes(document),
+        *_check_states(document),
+        *_check_history(document),
+    ]
 
 
-def _lengths(document: Document) -> Iterator[str]:
+def _check_lengths(document: Document) -> Iterator[str]:
     scene, count = document.scene, len(document.scene)
     parts = {**scene.gaussians.arrays(), **scene.extra}
     parts |= {"instance_ids": scene.instance_ids, "codewords": scene.codewords, "nodes": scene.nodes}
@@ -26,7 +32,7 @@ def _lengths(document: Document) -> Iterator[str]:
             yield f"{name} has {len(array)} rows, the scene {count}"
 
 
-def _names(document: Document) -> Iterator[str]:
+def _check_names(document: Document) -> Iterator[str]:
     scene = document.scene
     used, counts = np.unique(scene.instance_ids[scene.instance_ids > 0], return_counts=True)
     known = {entry.id for entry in scene.table}
@@ -41,7 +47,7 @@ def _names(document: Document) -> Iterator[str]:
         yield f"node {int(scene.nodes.max())} has no track"
 
 
-def _palettes(document: Document) -> Iterator[str]:
+def _check_palettes(document: Document) -> Iterator[str]:
     for name, palette in (("colour", document.colors), ("transform", document.transforms)):
         if len(palette.indices) and int(palette.indices.max()) >= len(palette):
             yield f"a splat names {name} entry {int(palette.indices.max())} of {len(palette)}"
@@ -49,7 +55,7 @@ def _palettes(document: Document) -> Iterator[str]:
             yield f"the {name} palette holds values that are not finite"
 
 
-def _states(document: Document) -> Iterator[str]:
+def _check_states(document: Document) -> Iterator[str]:
     flags = document.state.flags
     if np.any((flags & Flag.SELECTED != 0) & (flags & (Flag.DELETED | Flag.HIDDEN) != 0)):
         yield "splats that are not drawn are selected"
@@ -59,7 +65,7 @@ def _states(document: Document) -> Iterator[str]:
         yield f"{int(counts.deleted.sum())} splats of instances count as deleted, {deleted} are"
 
 
-def _history(document: Document) -> Iterator[str]:
+def _check_history(document: Document) -> Iterator[str]:
     history = document.history
     if not 0 <= history.cursor <= len(history.edits):
         yield f"{history.cursor} of {len(history.edits)} edits are done"

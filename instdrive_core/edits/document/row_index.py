@@ -1,4 +1,4 @@
-"""From a value per splat (instance ID, codeword) to the rows that carry it."""
+"""An index from a value per splat (instance ID, codeword) to the rows that carry it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RowIndex:
 
     def rows(self, keys: Iterable[int]) -> Int64[ndarray, " k"]:
         """The rows of any of `keys`, rising; keys that no row carries add nothing."""
-        groups = self._groups(np.unique(np.fromiter(keys, np.uint32)))
+        groups = self._find_groups(np.unique(np.fromiter(keys, np.uint32)))
         groups = groups[groups >= 0]
         if len(groups) == 1:
             return self._order[self._bounds[groups[0]] : self._bounds[groups[0] + 1]].astype(np.int64)
@@ -50,9 +50,9 @@ class RowIndex:
 
     def parts(self, keys: Sequence[int]) -> tuple[Int64[ndarray, " k"], Int64[ndarray, " p"]]:
         """The rows of one key after another's, rising for each, and the p = keys + 1 places where theirs begin."""
-        return gather_groups(self._order, self._bounds, self._groups(np.array(keys, np.uint32)))
+        return gather_groups(self._order, self._bounds, self._find_groups(np.array(keys, np.uint32)))
 
-    def _groups(self, keys: UInt32[ndarray, " k"]) -> Int64[ndarray, " k"]:
+    def _find_groups(self, keys: UInt32[ndarray, " k"]) -> Int64[ndarray, " k"]:
         """Positions in `self.keys`; -1 for keys that no row carries."""
         if not len(self.keys):
             return np.full(len(keys), -1)

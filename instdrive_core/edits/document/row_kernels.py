@@ -1,4 +1,4 @@
-"""Loops over the rows of a scene, compiled: on one thread, which shares the cores with the one that draws."""
+"""Compiled loops over the rows of a scene, on one thread: drawing needs the other cores."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def number_keys(keys):
-    """The different keys, rising, and each row's place among them; keys are no larger than a table of them may be."""
+    """Find the distinct keys, rising, and each row's place among them; the largest key must fit a table in memory."""
     highest = np.uint32(0)
     for key in keys:
         highest = max(highest, key)
@@ -31,7 +31,7 @@ def number_keys(keys):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def group_rows(groups, count):
-    """Rows by group, rising within each, and where the groups begin."""
+    """List rows by group, rising within each, and where the groups begin."""
     bounds = np.zeros(count + 1, np.int64)
     for group in groups:
         bounds[group + 1] += 1
@@ -47,7 +47,7 @@ def group_rows(groups, count):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def gather_groups(order, bounds, groups):
-    """The rows of groups (-1 = none), one after the other, and where each begins."""
+    """List the rows of some groups (-1 = none), one after the other, and where each group begins."""
     starts = np.zeros(len(groups) + 1, np.int64)
     for k in range(len(groups)):
         group = groups[k]
@@ -62,7 +62,7 @@ def gather_groups(order, bounds, groups):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def keep_free_rows(rows, bounds, flags, blocked):
-    """Rows without any of the bits `blocked`, and where each part of them begins."""
+    """Keep rows without any of the bits `blocked`; returns them and where each part begins."""
     kept, starts, count = np.empty(len(rows), np.int64), np.zeros(len(bounds), np.int64), 0
     for part in range(len(bounds) - 1):
         for place in range(bounds[part], bounds[part + 1]):
@@ -75,7 +75,7 @@ def keep_free_rows(rows, bounds, flags, blocked):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def count_flags(groups, flags, count):
-    """How many rows of each group have each combination of the four lower bits: (count, 16)."""
+    """Count the rows of each group with each combination of the four lower bits: (count, 16)."""
     numbers = np.zeros((count, 16), np.int64)
     for row in range(len(groups)):
         numbers[groups[row], flags[row] & np.uint8(15)] += 1

@@ -1,4 +1,4 @@
-"""The shadow that something cast on the ground, and ground in the shadow of anything."""
+"""The shadow that a deleted thing cast on the ground, and ground in the shadow of anything."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SHADOW_REACH = 2.0
 SHADOW_SHARE = 0.65
 """Ground darker than this share of lit ground is in shadow."""
 LIT_QUANTILE = 0.7
-"""Of the brightness of ground along the lane: what is taken for lit."""
+"""Quantile of the brightness of ground along the lane that is taken for lit."""
 DARKEST_LIT = 0.8
 """Ground in the sun along any line is at least this share as bright as elsewhere."""
 MIN_SHADOW = 0.4
@@ -23,7 +23,7 @@ MIN_SHADOW = 0.4
 MIN_LIT = 50
 """Cells of ground that must be known to tell."""
 FOREIGN_SHARE = 0.25
-"""Of a dark place, outside of that reach, from which on it is not the shadow of what was deleted."""
+"""A dark place with more than this share outside of that reach is not the shadow of what was deleted."""
 
 
 def find_cast_shadow(

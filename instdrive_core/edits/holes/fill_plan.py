@@ -1,4 +1,4 @@
-"""Which splats of the ground around go where in a hole, and which go away."""
+"""Planning the fill of a hole: which splats of the ground around are copied where, and which are removed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ BED_DEPTH = 0.05
 BED_THICKNESS = 0.01
 """Standard deviation along the vertical, metres."""
 BED_OPACITY = 0.95
-"""Of its splats: nothing beneath shines through."""
+"""Opacity of the bed's splats: nothing beneath shines through."""
 BED_SPREAD = 0.7
 """Standard deviation of a splat of the bed in cells."""
 UNDERGROUND = -0.12
@@ -40,10 +40,10 @@ UNDERGROUND = -0.12
 
 @dataclass(frozen=True)
 class FillPlan:
-    """What fills a hole."""
+    """The splats that fill a hole, and those that they replace."""
 
     sources: Int64[ndarray, " s"]
-    """Rows to be copied."""
+    """Rows of the document to copy."""
     shifts: Float64[ndarray, "s 3"]
     """Metres from each source to its copy."""
     bed: Float64[ndarray, "h 3"]
@@ -54,10 +54,10 @@ class FillPlan:
     bed_scale: float
     """Standard deviation in metres."""
     replaced: Int64[ndarray, " r"]
-    """Rows that go."""
+    """Rows of the document to delete."""
 
     def build_bed(self, gaussians: Gaussians) -> Gaussians:
-        """Flat level splats, the same from everywhere."""
+        """The bed as flat level splats that look the same from everywhere; `gaussians` are the document's."""
         like = gaussians.select(self.bed_like)
         count = len(like)
         scales = np.tile(np.array([self.bed_scale, self.bed_scale, BED_THICKNESS], np.float32), (count, 1))
@@ -79,7 +79,7 @@ def plan_fill(
     known: Bool[ndarray, "a b"],
     rng: np.random.Generator,
 ) -> FillPlan:
-    """Which splats go where: only `known` cells are copied. Raises EditError where there are none."""
+    """Plan which splats are copied where; only `known` cells are copied. Raises EditError where there are none."""
     grid = ground.grid
     values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
     sources = choose_source_cells(values, known, hole, rng)
@@ -133,7 +133,7 @@ def _find_nearest_rows(
 
 
 def _find_replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:
-    """What lies in the hole at ground level, and under it and right beside it below."""
+    """Rows that lie in the hole at ground level, or below ground under it and right beside it."""
     cells = grid.find_cells(near.means)
     inside = grid.contains(cells)
     cells = np.where(inside[:, None], cells, 0)

@@ -1,4 +1,4 @@
-"""Which places the photos showed, and which of them something stood before."""
+"""Free space between cameras and the ground: which places the photos showed, and which were hidden."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Occluder:
     radius: float
     """Metres from the centre to the farthest corner."""
     track: Track | None = None
-    """Of the node whose frame this is; None = the world."""
+    """Track of the node whose frame this is; None = the world."""
 
 
 def build_occluder(
@@ -59,16 +59,16 @@ def build_occluder(
 def count_sightings(
     points: Float64[ndarray, "n 3"], views: Sequence[CameraView], occluders: Sequence[Occluder], chosen: int
 ) -> tuple[Int64[ndarray, " n"], Int64[ndarray, " n"]]:
-    """In how many views each world point (on level ground, metres) is seen, and from how many the first `chosen`
-    occluders hide it."""
+    """Count in how many views each world point (on level ground, metres) is seen, and in how many the first
+    `chosen` occluders hide it."""
     seen, hidden = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
     for view in views:
-        rows = _in_photo(points, view)
+        rows = _find_in_photo(points, view)
         if not len(rows):
             continue
         blocked, by_chosen = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         for number, occluder in enumerate(occluders):
-            hit = _hides(occluder, view, points[rows])
+            hit = _find_hidden(occluder, view, points[rows])
             blocked |= hit
             by_chosen |= hit & (number < chosen)
         seen[rows[~blocked]] += 1
@@ -76,7 +76,7 @@ def count_sightings(
     return seen, hidden
 
 
-def _in_photo(points: Float64[ndarray, "n 3"], view: CameraView) -> Int64[ndarray, " k"]:
+def _find_in_photo(points: Float64[ndarray, "n 3"], view: CameraView) -> Int64[ndarray, " k"]:
     camera = view.camera
     offsets = points - camera.position
     distances = np.linalg.norm(offsets, axis=1)
@@ -87,7 +87,7 @@ def _in_photo(points: Float64[ndarray, "n 3"], view: CameraView) -> Int64[ndarra
     return np.flatnonzero(framed & (depths > 0) & (distances < MAX_DISTANCE) & large)
 
 
-def _hides(occluder: Occluder, view: CameraView, points: Float64[ndarray, "n 3"]) -> ndarray:
+def _find_hidden(occluder: Occluder, view: CameraView, points: Float64[ndarray, "n 3"]) -> ndarray:
     eye = view.camera.position
     if occluder.track is not None:
         if not occluder.track.covers(view.time):
@@ -95,11 +95,11 @@ def _hides(occluder: Occluder, view: CameraView, points: Float64[ndarray, "n 3"]
         pose = occluder.track.interpolate_pose(view.time)
         points, eye = (points - pose[:3, 3]) @ pose[:3, :3], (eye - pose[:3, 3]) @ pose[:3, :3]
     points, eye = np.ascontiguousarray(points), np.ascontiguousarray(eye)
-    return _segments_meet(occluder.planes, occluder.center, occluder.radius, eye, points)
+    return _find_met_segments(occluder.planes, occluder.center, occluder.radius, eye, points)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _segments_meet(
+def _find_met_segments(
     planes: Float64[ndarray, "k 4"],
     center: Float64[ndarray, "3"],
     radius: float,

@@ -1,4 +1,4 @@
-"""Sets of cells of a ground grid: grown, cut down to large parts, under what stands there."""
+"""Sets of cells of a ground grid: growing them, keeping large parts, finding those under objects."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from instdrive_core.edits.holes.surroundings import StandingObject
 
 
 def find_covered_cells(standing: Sequence[StandingObject], grid: GroundGrid) -> Bool[ndarray, "a b"]:
-    """Cells under any of the objects that do not move."""
+    """Mask of the cells under any object that does not move."""
     under, places = np.zeros(grid.shape, bool), grid.compute_centers(grid.list_cells())
     for each in standing:
         if each.track is None:
@@ -23,7 +23,7 @@ def find_covered_cells(standing: Sequence[StandingObject], grid: GroundGrid) -> 
 
 
 def grow_cells(cells: Bool[ndarray, "a b"], size: float, metres: float) -> Bool[ndarray, "a b"]:
-    """With all cells (of `size` metres) up to some metres away."""
+    """Add all cells (of `size` metres) that are at most some metres away."""
     return _compute_distances(~cells) * size <= metres if cells.any() else cells
 
 
@@ -33,7 +33,7 @@ def _compute_distances(free: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
 
 
 def keep_large_parts(cells: Bool[ndarray, "a b"], size: float, area: float) -> Bool[ndarray, "a b"]:
-    """The parts of at least `area` square metres; cells are `size` metres long."""
+    """Keep the connected parts of at least `area` square metres; cells are `size` metres long."""
     parts = np.zeros(cells.shape, np.int32)
     ndimage.label(cells, np.ones((3, 3)), parts)
     return cells & (np.bincount(parts.ravel())[parts] * size**2 >= area)

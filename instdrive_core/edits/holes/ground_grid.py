@@ -77,7 +77,7 @@ class GroundGrid:
 
 @dataclass(frozen=True)
 class GroundRaster:
-    """What covers each cell of a grid."""
+    """Splats seen from above: cover and mean values of each cell of a grid."""
 
     cover: Float64[ndarray, "a b"]
     """Share of light that what lies there stops, 0 … 1."""

@@ -43,11 +43,11 @@ class GroundMap:
     obstructed: Bool[ndarray, "a b"]
     """Something stands there."""
     ground: Bool[ndarray, " k"]
-    """Which splats of the neighbourhood the ground is made of."""
+    """Mask of the neighbourhood's splats that make up the ground."""
 
 
 def build_ground_map(grid: GroundGrid, near: Neighborhood) -> GroundMap:
-    """Which splats are ground, and what it looks like from above."""
+    """Find the splats that are ground, and how the ground looks from above."""
     heights = grid.compute_heights(near.means)
     level = (heights >= GROUND_BAND[0]) & (heights <= GROUND_BAND[1])
     thin = _compute_vertical_deviations(near) <= MAX_THICKNESS

@@ -14,7 +14,7 @@ TOLERANCE = 0.04
 and pavement wins."""
 MAX_SLOPE = 0.25
 MIN_SHARE = 0.15
-"""Of all points that must agree with a plane for it to be ground."""
+"""Share of all points that must agree with a plane for it to be ground."""
 BELOW_WEIGHT = 0.5
 """A point below the plane speaks against it by so much: what is above may stand on it, below it is only noise."""
 _REFITS = 3

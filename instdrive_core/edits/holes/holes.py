@@ -1,4 +1,4 @@
-"""Ground that nothing ever showed, because what is deleted now stood before it."""
+"""Holes: ground that no photo showed, because a thing that is deleted now stood in front of it."""
 
 from __future__ import annotations
 
@@ -104,8 +104,8 @@ def find_hole(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | None
 def _close_gaps(
     wrong: Bool[ndarray, "a b"], candidates: Bool[ndarray, "a b"], obstructed: Bool[ndarray, "a b"], size: float
 ) -> Bool[ndarray, "a b"]:
-    """With the cells at their edge, which seemed solid for the ground beside them, and those amid them that happen to
-    look right."""
+    """Add the cells at the edge, which seemed solid because of the ground beside them, and enclosed cells that look
+    right by chance."""
     grown = np.pad(np.asarray(ndimage.binary_dilation(wrong)), 3)
     closed = np.asarray(ndimage.binary_closing(grown, np.ones((3, 3)), iterations=2))[3:-3, 3:-3]
     whole = wrong | (closed & candidates)

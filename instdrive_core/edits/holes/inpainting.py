@@ -28,7 +28,7 @@ class ExemplarConfig:
     """Added to the mean squared difference per squared cell that a piece comes from across the lane: kerbs, lane marks
     and ruts run along it."""
     along_penalty: float = 2e-5
-    """The same per cell along the lane."""
+    """Added to the mean squared difference per squared cell that a piece comes from along the lane."""
     reuse_penalty: float = 2e-3
     """Added for each time that a piece close to it was taken already: nothing is stamped all over the hole."""
     reuse_reach: int = 2
@@ -52,25 +52,25 @@ def choose_source_cells(
     Axis 0 runs along the lane. Cells that are neither known nor of the hole are left out of comparisons.
     """
     known = known & ~hole
-    window = _window(known, config)
+    window = _cut_window(known, config)
     if window is None:
         return None
     pad = window // 2
     padded = np.pad(values, ((pad, pad), (pad, pad), (0, 0)))
     filled, todo = np.pad(known, pad), np.pad(hole, pad)
     patches = sliding_window_view(padded, (window, window), axis=(0, 1))
-    middles = _whole_windows(known, window)
+    middles = _find_whole_windows(known, window)
     candidates = np.moveaxis(patches[tuple(middles.T)], 1, -1).copy()
     sources, uses = np.full((*hole.shape, 2), -1), np.zeros(len(middles))
     while todo.any():
-        middle = _next_middle(filled, todo, window)
+        middle = _choose_next_middle(filled, todo, window)
         part = tuple(slice(each, each + window) for each in middle)
         there = filled[part]
         differences = ((candidates[:, there] - padded[part][there]) ** 2).sum(axis=2)
         costs = np.zeros(len(middles))
         if there.any():
             brought = candidates[:, todo[part]]
-            costs = differences.mean(axis=1) + config.novelty_penalty * _novelty(brought, padded[part][there])
+            costs = differences.mean(axis=1) + config.novelty_penalty * _measure_novelty(brought, padded[part][there])
         away = np.abs(middles - middle)
         costs = costs + config.across_penalty * away[:, 1] ** 2 + config.along_penalty * away[:, 0]
         costs += config.reuse_penalty * uses
@@ -84,26 +84,26 @@ def choose_source_cells(
     return sources
 
 
-def _novelty(brought: Float64[ndarray, "c f v"], filled: Float64[ndarray, "t v"]) -> Float64[ndarray, " c"]:
+def _measure_novelty(brought: Float64[ndarray, "c f v"], filled: Float64[ndarray, "t v"]) -> Float64[ndarray, " c"]:
     """Mean over the cells that each candidate brings of the squared difference from the likest filled one."""
     squares = (brought**2).sum(axis=2)[..., None] + (filled**2).sum(axis=1) - 2 * brought @ filled.T
     return np.maximum(squares.min(axis=2), 0).mean(axis=1)
 
 
-def _window(known: Bool[ndarray, "a b"], config: ExemplarConfig) -> int | None:
-    counts = {window: len(_whole_windows(known, window)) for window in config.windows}
+def _cut_window(known: Bool[ndarray, "a b"], config: ExemplarConfig) -> int | None:
+    counts = {window: len(_find_whole_windows(known, window)) for window in config.windows}
     enough = [window for window, count in counts.items() if count >= config.min_candidates]
     some = [window for window, count in counts.items() if count]
     return next(iter(enough or some), None)
 
 
-def _whole_windows(known: Bool[ndarray, "a b"], window: int) -> Int64[ndarray, "c 2"]:
+def _find_whole_windows(known: Bool[ndarray, "a b"], window: int) -> Int64[ndarray, "c 2"]:
     """Middles of the squares in which every cell is known."""
     return np.argwhere(ndimage.binary_erosion(known, np.ones((window, window)), border_value=0))
 
 
-def _next_middle(filled: Bool[ndarray, "p q"], todo: Bool[ndarray, "p q"], window: int) -> Int64[ndarray, "2"]:
-    """Where to go on: the missing cell with most filled ones around it (in cells of the picture without its margin)."""
+def _choose_next_middle(filled: Bool[ndarray, "p q"], todo: Bool[ndarray, "p q"], window: int) -> Int64[ndarray, "2"]:
+    """Choose the missing cell with most filled ones around it, in cells of the picture without its margin."""
     support = ndimage.uniform_filter(filled.astype(np.float64), window, mode="constant")
     support[~todo] = -1
     return np.array(np.unravel_index(int(support.argmax()), todo.shape)) - window // 2

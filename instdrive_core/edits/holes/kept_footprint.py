@@ -27,13 +27,13 @@ def find_kept_footprint(kept: Sequence[Float64[ndarray, "_ 3"]], grid: GroundGri
     under = np.zeros(grid.shape, bool)
     for points in kept:
         low = points[grid.compute_heights(points) <= LOW]
-        for piece in _pieces(low[grid.contains(grid.find_cells(low))], grid):
+        for piece in _split_pieces(low[grid.contains(grid.find_cells(low))], grid):
             if estimate_foot(grid.compute_heights(piece)) <= MAX_FOOT:
-                under |= _inside_outline(piece, grid)
+                under |= _find_inside_outline(piece, grid)
     return under
 
 
-def _pieces(points: Float64[ndarray, "k 3"], grid: GroundGrid) -> list[Float64[ndarray, "m 3"]]:
+def _split_pieces(points: Float64[ndarray, "k 3"], grid: GroundGrid) -> list[Float64[ndarray, "m 3"]]:
     """Points that hang together, seen from above."""
     cells = grid.find_cells(points)
     numbers = np.zeros(grid.shape, np.int32)
@@ -42,7 +42,7 @@ def _pieces(points: Float64[ndarray, "k 3"], grid: GroundGrid) -> list[Float64[n
     return [points[mine == number] for number in np.unique(mine)]
 
 
-def _inside_outline(points: Float64[ndarray, "k 3"], grid: GroundGrid) -> Bool[ndarray, "a b"]:
+def _find_inside_outline(points: Float64[ndarray, "k 3"], grid: GroundGrid) -> Bool[ndarray, "a b"]:
     """Cells whose middle is at most half a cell outside of the convex outline."""
     try:
         edges = ConvexHull(points[:, :2]).equations

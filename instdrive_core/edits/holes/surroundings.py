@@ -1,4 +1,4 @@
-"""What lies around something that was deleted, copied out of the document so that it can be studied beside it."""
+"""The neighbourhood of a deleted thing, copied out of the document."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REACH = 14.0
 """Metres around the middle within which ground is looked at."""
 
 MAX_POINTS = 3000
-"""Of one object: enough for its hull."""
+"""Points kept of one object: enough for its hull."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class StandingObject:
     points: Float64[ndarray, "k 3"]
     """Solid splats of it, at most about `MAX_POINTS`, metres, in the frame of its node."""
     track: Track | None
-    """Of its node; None = background."""
+    """Track of its node; None = background."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Neighborhood:
     """Background splats around a place, as they are now: neither deleted ones nor those of actors."""
 
     rows: Int64[ndarray, " k"]
-    """In the document, rising."""
+    """Row numbers in the document, rising."""
     means: Float32[ndarray, "k 3"]
     quats: Float32[ndarray, "k 4"]
     scales: Float32[ndarray, "k 3"]
@@ -56,7 +56,7 @@ class Neighborhood:
     """Part of an object that stands there."""
 
     def exclude(self, rows: Int64[ndarray, " r"]) -> Neighborhood:
-        """The same without some rows of the document."""
+        """A neighbourhood without some rows of the document."""
         kept = ~np.isin(self.rows, rows)
         return Neighborhood(**{entry.name: getattr(self, entry.name)[kept] for entry in fields(self)})
 
@@ -73,7 +73,7 @@ class Surroundings:
     deleted: tuple[StandingObject, ...]
     others: tuple[StandingObject, ...]
     kept: tuple[Float64[ndarray, "k 3"], ...]
-    """Of each thing that was deleted in part and does not move: solid splats of what is left, metres."""
+    """Solid splats that are left of each thing that was deleted in part and does not move, metres."""
     views: tuple[CameraView, ...]
 
 
@@ -83,14 +83,14 @@ def find_surroundings(
     time: float,
     kept: Sequence[Int64[ndarray, "_"]] = (),
 ) -> Surroundings | None:
-    """Around deleted rows, grouped by instance; None where none of the groups is an object that stood on the ground.
+    """Surroundings of deleted rows, grouped by instance; None where no group is an object that stood on the ground.
 
     `time` (seconds) says where moving ones were, `kept` which rows of the same instances were left on purpose.
     """
-    deleted = [found for found in (_standing(document, *group) for group in groups) if found is not None]
+    deleted = [found for found in (_make_standing_object(document, *group) for group in groups) if found is not None]
     if not deleted:
         return None
-    place = np.mean([_middle(each, time) for each in deleted], axis=0)
+    place = np.mean([_find_middle(each, time) for each in deleted], axis=0)
     gone = [instance_id for instance_id, _ in groups]
     near = find_neighborhood(document, place, np.concatenate([rows for _, rows in groups]))
     others = find_standing_objects(document, near, gone)
@@ -106,16 +106,16 @@ def find_surroundings(
 def find_standing_objects(
     document: Document, near: Neighborhood, without: Sequence[int] = ()
 ) -> tuple[StandingObject, ...]:
-    """Objects of the neighbourhood that still stand, but for some instances."""
+    """Objects of the neighbourhood that still stand, except some instances."""
     ids = [number for number in np.unique(near.instance_ids[near.compact]).tolist() if number not in without]
-    found = [_standing(document, number, _alive(document, number)) for number in ids]
+    found = [_make_standing_object(document, number, _find_alive(document, number)) for number in ids]
     return tuple(each for each in found if each is not None)
 
 
 def find_neighborhood(
     document: Document, place: Float64[ndarray, " m"], spared: Int64[ndarray, " n"] | None = None
 ) -> Neighborhood:
-    """Within `REACH` of a place in the plane; without the rows `spared`, though they may not be deleted yet."""
+    """Splats within `REACH` of a place in the plane, except the rows `spared`, which may not be deleted yet."""
     scene, flags = document.scene, document.state.flags
     means = compute_current_means(scene.gaussians, document.transforms)
     offsets = np.abs(means[:, :2] - np.asarray(place[:2], np.float32))
@@ -132,7 +132,7 @@ def find_neighborhood(
     return Neighborhood(rows, part.means, part.quats, part.scales, part.opacities, colors, ids, locked, compact)
 
 
-def _standing(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> StandingObject | None:
+def _make_standing_object(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> StandingObject | None:
     members = keep_main_node(document, members)
     body = build_body(document, instance_id, members)
     if body is None:
@@ -142,10 +142,10 @@ def _standing(document: Document, instance_id: int, members: Int64[ndarray, " m"
     return StandingObject(body, select_solid_points(document, members[:: 1 + len(members) // MAX_POINTS]), track)
 
 
-def _alive(document: Document, instance_id: int) -> Int64[ndarray, " m"]:
+def _find_alive(document: Document, instance_id: int) -> Int64[ndarray, " m"]:
     rows = document.find_rows((instance_id,))
     return rows[(document.state.flags[rows] & Flag.DELETED) == 0]
 
 
-def _middle(standing: StandingObject, time: float) -> Float64[ndarray, "3"]:
+def _find_middle(standing: StandingObject, time: float) -> Float64[ndarray, "3"]:
     return standing.body.center if standing.track is None else standing.track.interpolate_pose(time)[:3, 3]

@@ -55,9 +55,9 @@ class SetAdjustment(ColorEdit):
     def do(self, document: Document) -> bool:
         """Add the changed entries and point the instances' rows at them."""
         parts = find_editable_parts(document, self.ids)
-        return self.assign(document, parts, self._change(document, parts))
+        return self.assign(document, parts, self._make_change(document, parts))
 
-    def _change(self, document: Document, parts: RowParts) -> PartsChange:
+    def _make_change(self, document: Document, parts: RowParts) -> PartsChange:
         palette = document.colors
 
         @cache
@@ -98,7 +98,7 @@ def compose_adjustments(
 
 
 def _compose_linear(offsets: list[float]) -> Float64[ndarray, "3 3"]:
-    """What all adjustments but contrast do to colours."""
+    """Matrix of all adjustments but contrast."""
     linear = np.eye(3)
     for kind, offset in zip(ORDER, offsets, strict=False):
         if offset:
@@ -108,16 +108,16 @@ def _compose_linear(offsets: list[float]) -> Float64[ndarray, "3 3"]:
 
 @dataclass(frozen=True)
 class AdjustmentSummary:
-    """How instances are coloured now."""
+    """The adjustments that instances show now."""
 
     amounts: dict[AdjustKind, tuple[float, ...]]
-    """Of each adjustment the distinct amounts, rising: one where all splats agree."""
+    """Distinct amounts of each adjustment, rising: a single one where all splats agree."""
     recolored: bool
     """Whether any splat was recoloured or adjusted at all."""
 
 
 def summarize_adjustments(document: Document, ids: Iterable[int]) -> AdjustmentSummary:
-    """The look of instances, deleted splats left out. Raises EditError for an unknown ID."""
+    """Adjustments that instances show now, deleted splats left out. Raises EditError for an unknown ID."""
     rows = document.find_rows(ids)
     palette = document.colors
     alive = keep_free_rows(rows, np.array([0, len(rows)]), document.state.flags, np.uint8(Flag.DELETED))[0]

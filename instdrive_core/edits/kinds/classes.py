@@ -1,4 +1,4 @@
-"""Of which class instances are: of any number of them in one edit."""
+"""Setting the class of any number of instances."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class SetClass(Edit):
     ids: tuple[int, ...]
     class_name: str
     _before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """Those of another class until then."""
+    """Entries of the instances that had another class."""
 
     def __post_init__(self) -> None:
         self.ids = check_ids(self.ids)
@@ -69,9 +69,9 @@ class SetInstanceClass(Edit):
         return self._edit.title
 
     def do(self, document: Document) -> bool:
-        """As `SetClass.do`."""
+        """Replace the table's entry. Raises EditError where the instance is locked or unknown."""
         return self._edit.do(document)
 
     def undo(self, document: Document) -> None:
-        """As `SetClass.undo`."""
+        """Put the old entry back."""
         self._edit.undo(document)

@@ -56,9 +56,9 @@ class FillHole(AppendEdit):
     plane: Vector
     """Height of the ground plane at the world's origin (metres) and its slopes along x and y."""
     name: str = "fill"
-    """Of the new instance."""
+    """Name of the new instance."""
     seed: int = 0
-    """Draws among pieces of ground that fit as well."""
+    """Seed of the choice among pieces of ground that fit equally well."""
     lit: bool = False
     """Whether the hole lies in the sun, so that ground in the shadow of other things is not copied."""
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
@@ -89,11 +89,11 @@ class FillHole(AppendEdit):
 
     @property
     def shift(self) -> Vector:
-        """None: copies are placed one by one."""
+        """No shift: copies are placed one by one."""
         return (0.0, 0.0, 0.0)
 
     def prepare(self, document: Document) -> None:
-        """Find out what to copy, which takes a second: `do` on an equal document is then quick.
+        """Plan what to copy, which takes a second: `do` on an equal document is then quick.
 
         Give a frozen copy to do this on another thread. Raises EditError where there is no ground to copy.
         """
@@ -190,7 +190,7 @@ def _check_cells(cells: Sequence[object]) -> tuple[tuple[int, int], ...]:
 
 
 def make_fill_hole(hole: Hole, name: str, seed: int = 0) -> FillHole:
-    """The edit that fills a hole and lights the shadow."""
+    """The edit that fills a hole and replaces the ground in the shadow."""
     grid = hole.grid
     cells = tuple((along, across) for along, across in np.concatenate([hole.cells, hole.shadow]).tolist())
     return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, lit=len(hole.shadow) > 0)

@@ -64,34 +64,34 @@ class BorderEdit(FlagEdit):
 
         Give a frozen copy to do this on another thread. Raises EditError where nothing is selected.
         """
-        self._found = (self._content(document), self.search_border(document).astype(np.int32))
+        self._found = (self._compute_key(document), self.search_border(document).astype(np.int32))
 
     def is_prepared_for(self, document: Document) -> bool:
         """Whether a document has the content that this edit was prepared for."""
-        return self._found is not None and self._found[0] == self._content(document)
+        return self._found is not None and self._found[0] == self._compute_key(document)
 
     @abstractmethod
     def search_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The rows that change sides. Raises EditError where nothing is selected."""
 
     def find_border(self, document: Document) -> Int32[ndarray, " k"]:
-        """As `along_border`, looked for where that was not done before, as it is for a redo."""
+        """The rows along the border: found by `prepare`, or searched now where the document has changed since."""
         if not self.is_prepared_for(document):
             self.prepare(document)
         assert self._found is not None
         return self._found[1]
 
-    def _content(self, document: Document) -> bytes:
+    def _compute_key(self, document: Document) -> bytes:
         """Equal where the same is found: by what is where, what is selected or hidden, and where actors are."""
-        poses, present = document.scene.at(self.time)
+        poses, present = document.scene.find_node_poses(self.time)
         digest = hashlib.blake2b(fingerprint(document, (*CONTENT, Part.VISIBILITY)), digest_size=16)
         for array in (poses, present):
             digest.update(np.ascontiguousarray(array).data)
         return digest.digest()
 
-    def _sides(self, document: Document) -> _Sides:
+    def _find_sides(self, document: Document) -> _Sides:
         means, drawn = compute_shown_means(document, self.time)
-        chosen = document.state.mask(Flag.SELECTED)
+        chosen = document.state.find_mask(Flag.SELECTED)
         selected = np.flatnonzero(drawn & chosen)
         if not len(selected):
             raise EditError("nothing is selected; select what to grow or to shrink first")
@@ -101,7 +101,7 @@ class BorderEdit(FlagEdit):
             distance = spacing if math.isfinite(spacing) else _FALLBACK
         return _Sides(means, selected, np.flatnonzero(drawn & ~chosen), distance)
 
-    def _by(self) -> str:
+    def _describe_distance(self) -> str:
         return "" if self.distance is None else f" by {self.distance:g} m"
 
 
@@ -114,7 +114,7 @@ class GrowSelection(BorderEdit):
     @property
     def title(self) -> str:
         """``Grow selection by 0.2 m``."""
-        return f"Grow selection{self._by()}"
+        return f"Grow selection{self._describe_distance()}"
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set the bit on the selection's neighbours."""
@@ -122,7 +122,7 @@ class GrowSelection(BorderEdit):
 
     def search_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The neighbours that can be selected."""
-        means, selected, others, distance = self._sides(document)
+        means, selected, others, distance = self._find_sides(document)
         return find_rows_near(means, keep_selectable(document.state, others), selected, distance)
 
 
@@ -135,7 +135,7 @@ class ShrinkSelection(BorderEdit):
     @property
     def title(self) -> str:
         """``Shrink selection by 0.2 m``."""
-        return f"Shrink selection{self._by()}"
+        return f"Shrink selection{self._describe_distance()}"
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the bit along the selection's border."""
@@ -143,5 +143,5 @@ class ShrinkSelection(BorderEdit):
 
     def search_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The selected rows near others."""
-        means, selected, others, distance = self._sides(document)
+        means, selected, others, distance = self._find_sides(document)
         return find_rows_near(means, selected, others, distance)

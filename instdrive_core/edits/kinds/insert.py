@@ -144,7 +144,7 @@ def _renumber(document: Document, source: Scene, name: str) -> tuple[ndarray, tu
 
 
 def _fit_columns(gaussians: Gaussians, like: Gaussians) -> Gaussians:
-    """With as many SH and feature columns as `like`."""
+    """Fit Gaussians to the SH and feature columns of `like`: cut columns off, or add zeros."""
     rest = _resize_columns(gaussians.sh_rest, like.sh_rest.shape[1])
     return replace(gaussians, sh_rest=rest, features=_resize_columns(gaussians.features, like.features.shape[1]))
 

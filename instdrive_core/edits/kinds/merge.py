@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.bases.editable import check_unlocked
 from instdrive_core.edits.bases.parameters import check_ids
-from instdrive_core.edits.bases.relabel import get_instance
+from instdrive_core.edits.bases.relabel import assign_instances, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.errors import EditError
@@ -53,19 +53,19 @@ class MergeInstances(Edit):
         rows = document.find_rows([instance.id for instance in others])
         self._rows, self._ids_before = rows.astype(np.int32), document.scene.instance_ids[rows]
         self._table_before = (target, *others)
-        document.scene.instance_ids[rows] = self.into
+        assign_instances(document, rows, self.into)
         for instance in others:
             del document.scene.table.instances[instance.id]
         document.scene.table.set(_join_entries(target, others))
-        document.note_instances_changed(ids_changed=True)
         return True
 
     def undo(self, document: Document) -> None:
         """Write the old IDs back and restore the table's entries."""
-        document.scene.instance_ids[self._rows] = self._ids_before
+        assert self._rows is not None
+        assert self._ids_before is not None
+        assign_instances(document, self._rows, self._ids_before)
         for instance in self._table_before:
             document.scene.table.set(instance)
-        document.note_instances_changed(ids_changed=True)
 
 
 def _join_entries(target: Instance, others: list[Instance]) -> Instance:

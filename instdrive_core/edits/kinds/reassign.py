@@ -46,7 +46,7 @@ class ReassignSelected(RelabelEdit):
             return [Relabeling(rows, None)]
         nodes = np.unique(document.scene.nodes[rows]).tolist()
         if self.into is None:
-            target = self._target(document, int(rows[0]))
+            target = self._make_target(document, int(rows[0]))
         else:
             target = get_instance(document, self.into)
             check_unlocked(document, (self.into,))
@@ -57,7 +57,7 @@ class ReassignSelected(RelabelEdit):
             )
         return [Relabeling(rows, target)]
 
-    def _target(self, document: Document, row: int) -> Instance:
+    def _make_target(self, document: Document, row: int) -> Instance:
         """A new instance that takes after the first selected splat's."""
         scene = document.scene
         source = scene.table.instances.get(int(scene.instance_ids[row]))

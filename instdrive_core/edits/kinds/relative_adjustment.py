@@ -45,9 +45,9 @@ class AdjustInstances(ColorEdit):
         parts = find_editable_parts(document, self.ids)
         if self.amount == RANGES[self.what].neutral:
             return False
-        return self.assign(document, parts, self._change(document, parts))
+        return self.assign(document, parts, self._make_change(document, parts))
 
-    def _change(self, document: Document, parts: RowParts) -> PartsChange:
+    def _make_change(self, document: Document, parts: RowParts) -> PartsChange:
         means = np.zeros((len(parts), 3))
         if self.what == "contrast":
             means = compute_mean_colors(

@@ -57,7 +57,7 @@ class SelectClass(FlagEdit):
     kind: ClassVar[str] = "select_class"
     selects_only: ClassVar[bool] = True
     class_name: str
-    """As in the instance table; empty = the instances that have none."""
+    """Class in the instance table; empty = the instances that have none."""
     mode: SelectMode = "replace"
 
     def __post_init__(self) -> None:
@@ -71,7 +71,7 @@ class SelectClass(FlagEdit):
         return f"{VERBS[self.mode]} class {self.class_name or 'none'}"
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
-        """As `SelectInstances`, for the instances of the class."""
+        """Clear the selection where it is replaced, then set or clear the rows of the class."""
         table = document.scene.table
         ids = tuple(instance.id for instance in table if instance.class_name == self.class_name)
         if not ids:
@@ -100,7 +100,7 @@ class SelectCodeword(FlagEdit):
         return f"{VERBS[self.mode]} codeword {self.codeword}"
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
-        """As `SelectInstances`, for the codeword's rows."""
+        """Clear the selection where it is replaced, then set or clear the codeword's rows."""
         rows = document.find_codeword_rows(self.codeword)
         if not len(rows):
             raise EditError(f"no splat of the scene has codeword {self.codeword}")
@@ -161,13 +161,13 @@ class SelectNone(FlagEdit):
 
 
 def plan_selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:
-    """What a select edit that found `rows` (m,) changes, by its mode."""
+    """The flag changes of a select edit that found `rows` (m,), by its mode."""
     if mode == "remove":
         yield FlagChange(rows, Flag.SELECTED, False)
         return
     if mode in ("replace", "intersect"):
         # Rows that stay selected are left alone: the delta holds only what changes.
-        outside = state.mask(Flag.SELECTED)
+        outside = state.find_mask(Flag.SELECTED)
         outside[rows] = False
         yield FlagChange(outside.nonzero()[0], Flag.SELECTED, False)
     if mode != "intersect":
@@ -175,7 +175,7 @@ def plan_selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -
 
 
 def check_mode(mode: str) -> None:
-    """Raises EditError where `mode` is no `SelectMode`."""
+    """Raise EditError where `mode` is no `SelectMode`."""
     if mode not in get_args(SelectMode):
         raise EditError(f"selection mode {mode!r} is not one of {', '.join(get_args(SelectMode))}")
 

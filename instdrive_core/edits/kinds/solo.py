@@ -32,7 +32,7 @@ class SoloInstances(FlagEdit):
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Show the instances, then deselect and hide the others; what is deleted keeps its bits."""
-        alive = ~document.state.mask(Flag.DELETED)
+        alive = ~document.state.find_mask(Flag.DELETED)
         wanted = np.zeros(len(alive), bool)
         wanted[document.find_rows(self.ids)] = True
         others = np.flatnonzero(alive & ~wanted)

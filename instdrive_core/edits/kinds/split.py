@@ -22,7 +22,7 @@ DEFAULT_GAP = 1.0
 
 @dataclass(frozen=True)
 class InstanceParts:
-    """What an instance falls into, and what that was found from."""
+    """The spatial parts of an instance, and the rows and means that they were found from."""
 
     rows: Int64[ndarray, " n"]
     means: Float32[ndarray, "n 3"]

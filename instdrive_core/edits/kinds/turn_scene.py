@@ -42,7 +42,7 @@ _SAME = 0.5
 
 @dataclass(frozen=True)
 class _Before:
-    """What a turn replaced."""
+    """The parts of a document that a turn replaced."""
 
     entries: UInt16[ndarray, " n"]
     palette_size: int
@@ -68,7 +68,7 @@ class TurnScene(Edit):
     scale: float = 1.0
     """New metres per old one: 0.01 for a scene in centimetres."""
     _bounds: tuple[bytes, dict[int, Bounds]] | None = field(default=None, init=False, repr=False, compare=False)
-    """Of the turned instances, where they have to be counted: of which document, and by instance."""
+    """Bounds of the turned instances by ID, where they have to be computed, and the fingerprint of their document."""
     _before: _Before | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -111,7 +111,7 @@ class TurnScene(Edit):
         return is_quarter_turn(self.linear / self.scale)
 
     def prepare(self, document: Document) -> None:
-        """Bound the instances as they will be, which may take half a second: `do` on an equal document is then quick.
+        """Compute the bounds after the turn, which may take half a second: `do` on an equal document is then quick.
 
         Give a frozen copy to do this on another thread.
         """
@@ -146,8 +146,8 @@ class TurnScene(Edit):
         return True
 
     @property
-    def _growth(self) -> Similarity:
-        """What happens in the frames of boxes."""
+    def _scaling(self) -> Similarity:
+        """The scaling in the frames of boxes."""
         return np.c_[self.scale * np.eye(3), np.zeros(3)]
 
     def undo(self, document: Document) -> None:
@@ -163,10 +163,13 @@ class TurnScene(Edit):
         document.note_instances_changed(ids_changed=False)
 
     def _add_entries(self, document: Document, matrix: Similarity) -> UInt16[ndarray, " n"]:
-        """Of all rows. An actor's are turned by its track: in the box's frame they only grow."""
+        """Add the turned entries of all rows. Tracks turn the actors: in a box's frame splats only grow."""
         nodes = document.scene.nodes
         still, driving = np.flatnonzero(nodes == 0), np.flatnonzero(nodes)
-        changes = [(RowParts.whole(still), rebase_entry(matrix)), (RowParts.whole(driving), rebase_entry(self._growth))]
+        changes = [
+            (RowParts.whole(still), rebase_entry(matrix)),
+            (RowParts.whole(driving), rebase_entry(self._scaling)),
+        ]
         entries = np.empty(len(nodes), np.uint16)
         entries[np.concatenate([still, driving])] = add_changed_entries(document.transforms, changes)
         return entries
@@ -181,13 +184,13 @@ class TurnScene(Edit):
         document.set_actors(tuple(turned[id(track)] for track in scene.actors))
 
     def _turn_table(self, document: Document, matrix: Similarity) -> None:
-        """Bounds after a quarter turn; those of actors lie in the boxes' frames."""
+        """Turn the bounds by quarter turns; those of actors lie in the boxes' frames."""
         for entry in tuple(document.scene.table):
-            bounds = transform_bounds(entry.bounds, self._growth if entry.node else matrix)
+            bounds = transform_bounds(entry.bounds, self._scaling if entry.node else matrix)
             document.scene.table.set(replace(entry, bounds=bounds))
 
     def _recount_bounds(self, document: Document, key: bytes) -> None:
-        """Bounds of what stands askew to its old ones: counted, or known from the last time."""
+        """Compute the bounds of what stands askew now, or take those from the last time."""
         table = document.scene.table
         if self._bounds is None or self._bounds[0] != key:
             recount_instances(document, [entry.id for entry in table if entry.count])

@@ -1,4 +1,4 @@
-"""From an edited document to a scene that needs no document: what is exported."""
+"""Baking an edited document into a scene that needs no document: what is exported."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def bake_document(
 
     With a `time` (seconds) the actors are placed where they are then, or left out where they are not yet or no longer,
     and become part of the background; without one they keep their frames and tracks.
-    With `rows`, rising, only those of them that are left; tracks, sky and cameras stay (`edits.parts` takes them away).
+    With `rows`, rising, only those of them that are left; tracks, sky and cameras stay (`bake_part` takes them away).
     Arrays are copies; rows that no edit touched and no track moves keep their bits. `to_read` promises that nothing is
     written to them: where every row is left, arrays that no edit has changed are then the document's own.
     """
     scene = document.scene
-    deleted = document.state.mask(Flag.DELETED)
+    deleted = document.state.find_mask(Flag.DELETED)
     keep = np.flatnonzero(~deleted) if rows is None else rows[~deleted[rows]]
     recolored = np.flatnonzero(document.colors.indices[keep])
     if to_read and len(keep) == len(scene):
@@ -54,7 +54,7 @@ def freeze_at_time(scene: Scene, time: float) -> Scene:
     """The scene at one moment, without tracks: actors present at `time` (seconds) become background."""
     if not scene.actors:
         return scene
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     keep = np.flatnonzero(present[scene.nodes])
     gaussians, nodes = scene.gaussians.select(keep), scene.nodes[keep]
     gaussians.means, gaussians.quats = place_in_world(gaussians.means, gaussians.quats, nodes, poses)
@@ -67,7 +67,7 @@ def freeze_at_time(scene: Scene, time: float) -> Scene:
 
 
 def recount_table(scene: Scene) -> Scene:
-    """The same scene with counts and bounds of its instances taken from the arrays; names and classes stay."""
+    """A scene whose table has counts and bounds taken from its arrays; names and classes stay."""
     table = build_instance_table(
         scene.instance_ids,
         scene.gaussians.means,
@@ -80,7 +80,7 @@ def recount_table(scene: Scene) -> Scene:
 
 
 def _copy_written_arrays(gaussians: Gaussians, colors: bool, places: bool) -> Gaussians:
-    """The same Gaussians, of which baking may write the colours, or the places, or both."""
+    """Gaussians with copies of the arrays that baking writes: those of colours, of places, or both."""
     written = {"sh_dc", "sh_rest", "opacity_logits"} if colors else set()
     written |= {"means", "quats", "log_scales", "sh_rest"} if places else set()
     arrays = gaussians.arrays()

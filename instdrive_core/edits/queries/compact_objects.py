@@ -1,4 +1,4 @@
-"""Which instances are compact objects, and what space they fill."""
+"""Compact objects among the instances, and the space they fill."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def select_solid_points(document: Document, members: Int64[ndarray, " m"]) -> Fl
 
 
 def keep_main_node(document: Document, rows: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:
-    """Those of `rows` that lie in the node that most of them lie in: trained instances may have strays in another."""
+    """Keep the rows of the node that most of them lie in: trained instances may have strays in another."""
     nodes = document.scene.nodes[rows]
     return rows[nodes == np.bincount(nodes).argmax()] if len(rows) else rows
 

@@ -1,4 +1,4 @@
-"""Where the ground is under a place."""
+"""Height of the ground below a place."""
 
 from __future__ import annotations
 

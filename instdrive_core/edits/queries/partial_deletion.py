@@ -1,4 +1,4 @@
-"""What is left of an instance that was deleted in part: what the user kept, and scraps that were missed."""
+"""Instances deleted in part: what the user kept on purpose, and scraps that were missed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LINKS = 6
 _WITNESSES = 16
 """Nearest splats that tell whether what is around a scrap was deleted."""
 _GONE_SHARE = 2 / 3
-"""Of them: so many are deleted around a scrap that was missed."""
+"""Share of them that is deleted around a scrap that was missed."""
 _SCRAP_SHARE, _SCRAP_COUNT = 0.02, 5
 """A scrap has at most this share of the deleted splats, or so many: larger pieces were left on purpose."""
 
@@ -48,7 +48,7 @@ def divide_instance(document: Document, instance_id: int, deleted: Int64[ndarray
 
 
 def is_near_deleted(document: Document, rows: Int64[ndarray, " n"], remainder: Remainder) -> Bool[ndarray, " n"]:
-    """Which rows stand where most of the instance is gone, not where it was kept."""
+    """Mask of the rows that stand where most of the instance was deleted, not where it was kept."""
     if not len(remainder.kept) or not len(rows):
         return np.ones(len(rows), bool)
     known = np.concatenate([remainder.gone, remainder.kept])
@@ -59,7 +59,7 @@ def is_near_deleted(document: Document, rows: Int64[ndarray, " n"], remainder: R
 
 
 def _find_missed(means: Float64[ndarray, "n 3"], left: Bool[ndarray, " n"]) -> Bool[ndarray, " k"]:
-    """Which of the splats that are left belong to scraps that were missed."""
+    """Mask of the splats left over that belong to missed scraps."""
     rows = np.flatnonzero(left)
     found = _find_nearest(means, means[rows], _WITNESSES + 1)[:, 1:]
     place = np.full(len(left), -1)

@@ -1,4 +1,4 @@
-"""Where instances are, stand and may go: what gizmos show and moves are bound to."""
+"""Centres, feet, ground and lanes of instances: what gizmos show and constrained moves follow."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from instdrive_core.scene.transforms import Similarity, extract_scale
 SOLID_OPACITY = 0.3
 """Fainter splats are neither ground nor the foot of anything."""
 _FOOT_SHARE = 0.02
-"""Of an instance's solid splats that may hang below its foot."""
+"""Share of an instance's solid splats that may hang below its foot."""
 _MIN_PATH = 1.0
 """Metres an actor must drive to have a lane of its own."""
 _STREET_SPLATS = 100_000
-"""Of splats spread over the street, so many or fewer tell where it runs."""
+"""Number of splats, spread over the street, that are enough to tell where it runs."""
 
 
 def find_solid(opacities: Float[ndarray, " n"]) -> Bool[ndarray, " n"]:
-    """Which of a thing's splats shape it; where all are faint, the least faint."""
+    """Mask of the splats that shape a thing: the opaque ones, or the least faint where all are faint."""
     return opacities >= min(SOLID_OPACITY, opacities.max())
 
 
 def estimate_foot(heights: Float[ndarray, " n"]) -> float:
-    """Where a thing of solid splats at these heights stands."""
+    """Height on which a thing stands whose solid splats have these heights."""
     return float(np.quantile(heights, _FOOT_SHARE, method="nearest"))
 
 
@@ -65,7 +65,7 @@ def compute_bottom(document: Document, ids: Sequence[int], matrix: Similarity, t
 
 
 def find_ground_below(document: Document, ids: Sequence[int], place: Float[ndarray, "3"]) -> float:
-    """Height (metres) of the background under a place, the instances themselves left out. Raises EditError."""
+    """Height (metres) of the ground below a place, without the instances. Raises EditError where there is none."""
     for radius in RADII:
         height = estimate_ground_height(_gather_background(document, ids, place, radius), place, (radius,))
         if height is not None:
@@ -76,7 +76,7 @@ def find_ground_below(document: Document, ids: Sequence[int], place: Float[ndarr
 def _gather_background(
     document: Document, ids: Sequence[int], place: Float[ndarray, "3"], reach: float
 ) -> Float32[ndarray, "k 3"]:
-    """Where solid splats of other things are, none of them driving, within `reach` metres along x and along y."""
+    """Positions of solid background splats of other things within `reach` metres along x and along y."""
     scene = document.scene
     stored, entries = scene.gaussians.means, document.transforms.indices
 

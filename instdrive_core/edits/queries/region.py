@@ -1,4 +1,4 @@
-"""What lies in a region of the picture: splats by their centres, instances by the larger part of them."""
+"""Finding what lies in a region of the picture: splats by their centres, instances by most of their splats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of a scene as scenes of their own: some of its splats, or one actor as it is in its box."""
+"""Parts of a scene as scenes of their own: some of its splats, or one actor in its box's frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from instdrive_core.scene.selection import Flag
 def find_selected_rows(document: Document) -> Int[ndarray, " k"]:
     """The selected splats that are left. Raises EditError where nothing is selected."""
     rows = document.state.find_rows(Flag.SELECTED)
-    rows = rows[~document.state.mask(Flag.DELETED)[rows]]
+    rows = rows[~document.state.find_mask(Flag.DELETED)[rows]]
     if not len(rows):
         raise EditError("nothing is selected; select what to export first")
     return rows
@@ -38,7 +38,7 @@ def bake_part(document: Document, rows: Int[ndarray, " k"], time: float | None =
 
 
 def bake_actor(document: Document, node: int) -> Scene:
-    """What is left of one actor, in its box's frame (x right, y forward, z up, metres, origin in the box's centre).
+    """Bake what is left of an actor in its box's frame (x right, y forward, z up, metres, origin in the box's centre).
 
     A static scene of background splats: with the track's pose of a time, it stands where the actor stands then.
     Raises EditError where the scene has no such actor, or all of it is deleted.
@@ -46,7 +46,7 @@ def bake_actor(document: Document, node: int) -> Scene:
     scene = document.scene
     if not 1 <= node <= len(scene.actors):
         raise EditError(f"the scene has no actor {node}; it has {len(scene.actors)}, counted from 1")
-    rows = np.flatnonzero((scene.nodes == node) & ~document.state.mask(Flag.DELETED))
+    rows = np.flatnonzero((scene.nodes == node) & ~document.state.find_mask(Flag.DELETED))
     if not len(rows):
         raise EditError(f"nothing is left of actor {node}, the {scene.actors[node - 1].label}")
     part = bake_document(document, None, rows)
@@ -58,7 +58,7 @@ def bake_actor(document: Document, node: int) -> Scene:
 
 def find_remaining_actors(document: Document) -> tuple[int, ...]:
     """Nodes of the actors of which anything is left, from 1."""
-    left = document.scene.nodes[~document.state.mask(Flag.DELETED)]
+    left = document.scene.nodes[~document.state.find_mask(Flag.DELETED)]
     return tuple(np.unique(left[left > 0]).tolist())
 
 

@@ -1,4 +1,4 @@
-"""Guessing which way is up in a document, as it is now."""
+"""Estimating which way is up in a document as it is now."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from instdrive_core.scene.upright import UP, Axis, compute_axis_direction
 
 
 def estimate_document_up(document: Document, stated: Axis | None = None) -> UpEstimate:
-    """Which way is up, with all edits done; `stated` is what the format of the scene's file says.
+    """Estimate which way is up, with all edits done; `stated` is what the format of the scene's file says.
 
     What was turned before, and says nothing itself, is taken to stand as it should.
     """

@@ -1,4 +1,4 @@
-"""Where the splats are at one moment, as the user sees them."""
+"""World positions of the splats at one moment, as the user sees them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def compute_shown_means(document: Document, time: float) -> tuple[Float32[ndarra
     driving = np.flatnonzero(scene.nodes)
     if not len(driving):
         return means, drawn
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     nodes = scene.nodes[driving]
     matrices = poses[nodes]
     placed = np.einsum("nij,nj->ni", matrices[:, :3, :3], means[driving]) + matrices[:, :3, 3]

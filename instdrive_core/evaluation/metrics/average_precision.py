@@ -39,7 +39,7 @@ def average_precision(
 
 
 def _find_hits(iou: Float64[ndarray, "t p"], threshold: float) -> Bool[ndarray, " p"]:
-    """Which predictions, in order, find an object."""
+    """Find out which predictions, in order, find an object."""
     hits = np.zeros(iou.shape[1], bool)
     free = np.ones(len(iou), bool)
     for column in np.flatnonzero((iou >= threshold).any(axis=0)):

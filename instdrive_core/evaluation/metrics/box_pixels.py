@@ -1,4 +1,4 @@
-"""Where boxes appear in a view."""
+"""Pixels of a view that show boxes."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from instdrive_core.scene.track import Track
 def find_box_silhouette(
     camera: Camera, world_from_box: Float64[ndarray, "4 4"], dimensions: Float64[ndarray, "3"]
 ) -> Bool[ndarray, "h w"]:
-    """Pixels whose centre ray meets the box in front of the camera; occluders are not considered.
+    """Find pixels whose centre ray meets the box in front of the camera; occluders are not considered.
 
     Slab test (Kay and Kajiya 1986) in the box's frame, so boxes beside and around the camera are right as well.
     """
     half = np.asarray(dimensions) / 2
     silhouette = np.zeros((camera.height, camera.width), bool)
     pixels = _list_pixels_around(camera, world_from_box, half)
-    directions = camera.rays_of_pixels(pixels) @ world_from_box[:3, :3]
+    directions = camera.compute_pixel_rays(pixels) @ world_from_box[:3, :3]
     directions = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
     start = (camera.position - world_from_box[:3, 3]) @ world_from_box[:3, :3]
     first, second = (-half - start) / directions, (half - start) / directions
@@ -33,18 +33,18 @@ def find_box_silhouette(
 
 
 def find_moving_box_pixels(camera: Camera, tracks: Iterable[Track], time: float) -> Bool[ndarray, "h w"]:
-    """Pixels that show the boxes of moving objects at `time` (seconds)."""
+    """Find pixels that show the boxes of moving objects at `time` (seconds)."""
     shown = np.zeros((camera.height, camera.width), bool)
     for track in tracks:
         if track.moving and track.covers(time):
-            shown |= find_box_silhouette(camera, track.pose_at(time), track.dimensions)
+            shown |= find_box_silhouette(camera, track.interpolate_pose(time), track.dimensions)
     return shown
 
 
 def _list_pixels_around(
     camera: Camera, world_from_box: Float64[ndarray, "4 4"], half: Float64[ndarray, "3"]
 ) -> Int64[ndarray, " p"]:
-    """Flat indices of a rectangle that holds the whole silhouette; corners behind the camera leave no smaller one
+    """List flat indices of a rectangle that holds the whole silhouette; corners behind the camera leave no smaller one
     than the image."""
     signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     corners, depths = camera.project(signs * half @ world_from_box[:3, :3].T + world_from_box[:3, 3])

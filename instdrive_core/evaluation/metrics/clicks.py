@@ -26,7 +26,7 @@ class Clicks:
     """Instance under the cursor; 0 = none, nothing is selected."""
     count: int
     iou: float
-    """Of the selection, as the instance map shows it, with the object's ground-truth mask; ignored pixels left out."""
+    """Overlap of the selection in the instance map with the object's ground-truth mask, ignored pixels left out."""
 
     @property
     def hit(self) -> bool:

@@ -32,7 +32,7 @@ ROAD_CUT = 0.2
 
 @dataclass(frozen=True)
 class _Effect:
-    """Of one deletion, on one object that was meant."""
+    """Effect of one deletion on one object that was meant."""
 
     clicks: int
     collateral: float | None
@@ -84,7 +84,7 @@ def _measure_effects(
     clicks: Sequence[Clicks],
     boxes: Mapping[int, Track],
 ) -> list[_Effect]:
-    """Of deleting each selection in one view."""
+    """Measure what deleting each selection does to one view."""
     meant = sorted({each.truth_id for each in clicks})
     drawing = _Drawing(scene, view.frame, [boxes.get(truth_id) for truth_id in meant])
     valid = np.ones(view.truth.shape, bool) if view.frame.valid is None else view.frame.valid
@@ -112,7 +112,7 @@ class _Deleted:
     changed: Bool[ndarray, "wh ww"]
     """Pixels that changed visibly."""
     weights: Float64[ndarray, " boxes"]
-    """As `_Drawing.weights`."""
+    """Weights after the deletion, in the order of `_Drawing.weights`."""
     kept: Float64[ndarray, " boxes"]
     """The part of `_Drawing.weights` that belongs to Gaussians which are not deleted."""
 
@@ -122,7 +122,7 @@ class _Drawing:
 
     def __init__(self, scene: Scene, frame: Frame, boxes: Sequence[Track | None]) -> None:
         camera, time = frame.view.camera, frame.view.time
-        world, (poses, _) = place_world_gaussians(scene, time), scene.at(time)
+        world, (poses, _) = place_world_gaussians(scene, time), scene.find_node_poses(time)
         gaussians = scene.gaussians
         colors = compute_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
         channels = np.zeros((len(colors), 3 + len(boxes)), np.float32)
@@ -138,7 +138,7 @@ class _Drawing:
         self.row_weights = _sum_row_weights(self.raster)
 
     def delete(self, deleted: Bool[ndarray, " n"]) -> _Deleted:
-        """The view without some rows of the scene."""
+        """Draw the view without some rows of the scene."""
         after = redraw_without_rows(self.raster, deleted)
         colors = self._colors(after.image, after.alpha, after.window)
         changed = np.abs(colors - self.colors[after.window]).max(axis=2, initial=0) > VISIBLE_CHANGE
@@ -147,12 +147,12 @@ class _Drawing:
         return _Deleted(after.window, changed, self.weights - lost, np.array(kept, np.float64))
 
     def _colors(self, image: ndarray, alpha: ndarray, window: tuple[slice, slice]) -> Float32[ndarray, "wh ww 3"]:
-        """What is seen, in [0, 1]."""
+        """Colours that are seen, in [0, 1]."""
         return np.clip(image[..., :3] + (1 - alpha[..., None]) * self.sky[window], 0, 1)
 
 
 def _sum_row_weights(raster: Raster) -> Float64[ndarray, " n"]:
-    """Blending weight of each Gaussian, summed over the pixels: the gradient of a summed channel with respect to it."""
+    """Sum each Gaussian's blending weight over the pixels: the gradient of a summed channel with respect to it."""
     height, width, count = raster.image.shape
     of_one = np.zeros((height, width, count), np.float32)
     of_one[..., 0] = 1
@@ -165,10 +165,10 @@ def _sum_channels(image: Float32[ndarray, "h w c"]) -> Float64[ndarray, " boxes"
 
 
 def _find_rows_inside(world: WorldGaussians, box: Track | None, time: float) -> Int64[ndarray, " k"]:
-    """Gaussians whose centre is in a box, its bottom cut off."""
+    """Find Gaussians whose centre is in a box, its bottom cut off."""
     if box is None or not box.covers(time):
         return np.zeros(0, np.int64)
-    pose = box.pose_at(time)
+    pose = box.interpolate_pose(time)
     reach, middle = np.float32(np.linalg.norm(box.dimensions) / 2), pose[:3, 3].astype(np.float32)
     near = np.flatnonzero(
         (np.abs(world.means[:, :2] - middle[:2]) <= reach).all(axis=1)

@@ -37,11 +37,11 @@ class HeldOutView:
     """None where no moving object's box is in view."""
 
     def with_map(self, predicted: ndarray) -> LabelledView:
-        """This view with a predicted map."""
+        """Pair this view with a predicted map."""
         return LabelledView(self.frame.view.name, self.frame.view.time, self.truth, predicted)
 
     def with_ids(self, instance_ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> LabelledView:
-        """This view with the map that the given IDs of the scene's Gaussians make, 0 where nothing is shown."""
+        """Pair this view with the map that the given IDs of the scene's Gaussians make, 0 where nothing is shown."""
         padded = np.append(instance_ids, np.zeros(1, instance_ids.dtype))
         return self.with_map(padded[self.winner])  # winner -1 reads the last: 0
 
@@ -56,7 +56,7 @@ def measure_held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: 
     preview = view_scene(scene, camera, time)
     image, photo = preview.color, frame.load_image().astype(np.float32) / 255
     if scene.exposures is not None:
-        image = apply_exposure(image, scene.exposures.at(frame.view.name, time))
+        image = apply_exposure(image, scene.exposures.interpolate(frame.view.name, time))
     image = np.clip(image, 0, 1)
     valid = np.ones(image.shape[:2], bool) if frame.valid is None else frame.valid
     ignored, sky = ~valid, ground_truth.load_sky(frame)

@@ -25,7 +25,7 @@ from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
 
 SEED = 0
-"""Of clicks and samples: the same for every run, so that runs are compared on the same clicks."""
+"""Seed of clicks and samples, equal for every run, so that runs are compared on the same clicks."""
 
 PER_VIEW_KEYS = ("miou", "macc", "miou_majority")
 SCENE_KEYS = ("miou", "macc", "pq", "acc25", "acc50", "id_switches", "miou_things", "miou_stuff")
@@ -43,20 +43,20 @@ class IdMeasure:
     views: tuple[HeldOutView, ...]
     sweeps: tuple[LabelledSweep, ...]
     supports: tuple[PointSupport, ...]
-    """Of the points of each sweep."""
+    """Support of the points of each sweep."""
     instances: dict[int, GroundTruthInstance]
     boxes: dict[int, Track]
-    """By ID of the ground truth."""
+    """Boxes by ID of the ground truth."""
 
     def draw_maps(self, ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> list[LabelledView]:
-        """The views with the maps that the IDs make."""
+        """Pair the views with the maps that the IDs make."""
         return [view.with_ids(ids) for view in self.views]
 
     def select_truth_ids(self, kind: str) -> set[int]:
-        """IDs of the ground truth that are ``thing`` or ``stuff``."""
+        """Select IDs of the ground truth that are ``thing`` or ``stuff``."""
         return {instance.id for instance in self.instances.values() if instance.kind == kind}
 
-    def scores(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> dict[str, Any]:
+    def compute_scores(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> dict[str, Any]:
         """`per_view`, `scene` and `lidar`; `codes` as in `score_points`."""
         shown = self.draw_maps(ids)
         return {
@@ -74,9 +74,13 @@ class IdMeasure:
         )
         return score_selections(clicks) | deleted
 
-    def objects(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> tuple[ObjectRow, ...]:
-        """A row per object. Codes are those of the Gaussians that pixels stand for: blended features invent codes along
-        borders."""
+    def list_objects(
+        self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None
+    ) -> tuple[ObjectRow, ...]:
+        """List a row per object.
+
+        Codes are those of the Gaussians that pixels stand for: blended features invent codes along borders.
+        """
         return list_object_rows(self.draw_maps(ids), None if codes is None else self.draw_maps(codes), self.instances)
 
 
@@ -99,11 +103,11 @@ def prepare_id_measure(
 
 
 def build_empty_scores() -> dict[str, Any]:
-    """What `IdMeasure.scores` gives, and `click`, where they do not apply."""
+    """Build the scores, with `click`, of IDs that cannot be measured: all None."""
     keys = {"per_view": PER_VIEW_KEYS, "scene": SCENE_KEYS, "lidar": LIDAR_KEYS, "click": CLICK_KEYS}
     return {part: dict.fromkeys(names) for part, names in keys.items()}
 
 
 def get_codes(scene: Scene) -> UInt64[ndarray, " n"] | None:
-    """Codeword + 1 of each Gaussian, since 0 is a codeword; None where the scene has none."""
+    """Codeword + 1 of each Gaussian, since 0 is a codeword, too; None where the scene has no codewords."""
     return scene.codewords.astype(np.uint64) + np.uint64(1) if scene.code_bits else None

@@ -1,4 +1,4 @@
-"""How close a rendered image is to its photo, outside masked regions."""
+"""Distance of a rendered image from its photo, outside masked regions."""
 
 from __future__ import annotations
 

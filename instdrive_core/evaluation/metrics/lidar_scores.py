@@ -1,4 +1,4 @@
-"""How well a scene's IDs agree with the objects that LiDAR points of held-out sweeps lie on."""
+"""Agreement of a scene's IDs with the objects that LiDAR points of held-out sweeps lie on."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ LIDAR_KEYS = (
 def score_points(
     sweeps: Sequence[LabelledSweep], supports: Sequence[PointSupport], ids: ndarray, codes: ndarray | None = None
 ) -> dict[str, Any]:
-    """Figures of IDs of the scene's Gaussians, over the points of all sweeps together: an object must keep its ID.
+    """Score IDs of the scene's Gaussians over the points of all sweeps together: an object must keep its ID.
 
     - `ap`, `ap50`, `ap25`: class-agnostic average precision, IoU of point sets from 0.5 to 0.95, 0.5 and 0.25. An
       instance's confidence is the mean share of support that it has at its points. Unmatched instances under
@@ -53,7 +53,7 @@ def score_points(
 
     Args:
         sweeps: with ground truth.
-        supports: of each sweep's points, by the scene's Gaussians.
+        supports: how the scene's Gaussians support each sweep's points.
         ids: instance of each Gaussian, 0 = none.
         codes: codeword + 1 of each Gaussian; None where the scene has none.
 

@@ -1,4 +1,4 @@
-"""The protocol's two readings of a set of predicted maps: each view for itself, and the scene as one."""
+"""Scores of a set of predicted maps: each view for itself, and the scene as one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What became of each object of the ground truth, one row per object."""
+"""Objects of the ground truth, one row each: what became of them in the scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ObjectRow:
     """One object over all held-out views."""
 
     id: int
-    """In the ground truth."""
+    """ID in the ground truth."""
     name: str
     class_name: str
     kind: str
@@ -26,20 +26,15 @@ class ObjectRow:
     moving: bool
     pixels: int
     predicted_id: int | None
-    """What the scene's one-to-one match gives it; None = nothing that touches it."""
+    """ID that the scene's one-to-one match gives it; None = nothing that touches it."""
     iou: float
-    """With `predicted_id`; 0 where there is none."""
+    """Intersection over union with `predicted_id`; 0 where there is none."""
     recall: float
     instances: tuple[Holding, ...]
     """Instances that count for it, see `sharing.find_holdings`: those that hold at least 15 % of its pixels,
     the largest first."""
     codes: tuple[Holding, ...] | None
-    """The same for codewords + 1; None where the scene has none."""
-
-    @property
-    def fragmented(self) -> bool:
-        """Whether more than one instance counts for it."""
-        return len(self.instances) > 1
+    """Codewords + 1 that count for it; None where the scene has none."""
 
 
 def list_object_rows(
@@ -47,7 +42,7 @@ def list_object_rows(
     coded: Sequence[LabelledView] | None,
     instances: Mapping[int, GroundTruthInstance],
 ) -> tuple[ObjectRow, ...]:
-    """The rows of all objects that the views show, in order of their IDs.
+    """List the rows of all objects that the views show, in order of their IDs.
 
     Args:
         shown: every view with its instance map.
@@ -83,7 +78,7 @@ def list_object_rows(
 
 
 def count_over_views(views: Sequence[LabelledView]) -> Confusion:
-    """Pixel counts of all views together."""
+    """Count the pixels of all views together."""
     return count_confusion(
         np.concatenate([view.truth.ravel() for view in views]),
         np.concatenate([view.predicted.ravel() for view in views]),

@@ -38,7 +38,7 @@ class LabelledSweep:
 
 
 def label_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep]:
-    """Every held-out sweep with the IDs that the label maps use; none where the clip has no held-out sweep or no
+    """Label every held-out sweep with the IDs that the label maps use; none where the clip has no held-out sweep or no
     labels for points.
 
     Exact where the clip stores an instance per point. Else a point inside a box takes the box's object if its
@@ -64,7 +64,7 @@ def label_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep]:
 
 
 def is_in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool[ndarray, " n"]:
-    """Points that project into a valid pixel of any photo; occluders are not considered."""
+    """Whether points project into a valid pixel of any photo; occluders are not considered."""
     seen = np.zeros(len(points), bool)
     for frame in frames:
         camera = frame.view.camera
@@ -90,7 +90,7 @@ def _label_points(
 def _label_by_annotations(
     clip: Clip, time: float, found: SweepPoints, instances: Mapping[int, GroundTruthInstance]
 ) -> UInt32[ndarray, " n"]:
-    """IDs by box and class."""
+    """Label points by box and class."""
     assert found.classes is not None
     stuff_ids = {instance.class_name: instance.id for instance in instances.values() if instance.kind == "stuff"}
     thing_ids = {instance.track_id: instance.id for instance in instances.values() if instance.track_id is not None}
@@ -100,7 +100,7 @@ def _label_by_annotations(
         found.points,
         found.classes,
         found.sensor,
-        np.array([track.pose_at(time) for track in boxes]).reshape(-1, 4, 4),
+        np.array([track.interpolate_pose(time) for track in boxes]).reshape(-1, 4, 4),
         np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3),
         np.array([track.moving for track in boxes], bool),
         np.array([find_fitting_classes(clip.class_names, track.label) for track in boxes]).reshape(-1, 256),
@@ -112,7 +112,7 @@ def _label_by_annotations(
 
 
 def _drop_tiny_objects(sweeps: list[LabelledSweep]) -> list[LabelledSweep]:
-    """Objects under `MIN_POINTS` in all sweeps together set to 0."""
+    """Set objects under `MIN_POINTS` in all sweeps together to 0."""
     if not sweeps:
         return []
     ids, counts = np.unique(np.concatenate([sweep.truth for sweep in sweeps]), return_counts=True)

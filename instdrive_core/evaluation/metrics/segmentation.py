@@ -1,4 +1,4 @@
-"""How well predicted instance maps agree with ground-truth maps.
+"""Agreement of predicted instance maps with ground-truth maps.
 
 Label maps hold integer IDs. Ground truth 0 is *ignored* (unlabelled, sky, ego vehicle, tiny instances): such pixels
 count for nothing. Prediction 0 is *none*: such pixels match nothing and lower the recall of what lies there.
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int64, UInt32
+from jaxtyping import Bool, Float64, Int64, Integer, UInt32
 from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
@@ -22,8 +22,8 @@ MIN_VISIBLE_PIXELS = 100
 class Confusion:
     """Pixel counts between t ground-truth instances and p predicted instances, both without ID 0."""
 
-    truth_ids: Int[ndarray, " t"]
-    predicted_ids: Int[ndarray, " p"]
+    truth_ids: Integer[ndarray, " t"]
+    predicted_ids: Integer[ndarray, " p"]
     shared: Int64[ndarray, "t p"]
     """Pixels that carry both IDs."""
     truth_areas: Int64[ndarray, " t"]
@@ -42,9 +42,9 @@ class Confusion:
 
 @dataclass(frozen=True)
 class Matching:
-    """What one matching gives each ground-truth instance; an unmatched one has 0 and 0."""
+    """IoU and recall that a matching gives each ground-truth instance; an unmatched one has 0 and 0."""
 
-    truth_ids: Int[ndarray, " t"]
+    truth_ids: Integer[ndarray, " t"]
     iou: Float64[ndarray, " t"]
     recall: Float64[ndarray, " t"]
 
@@ -67,7 +67,7 @@ def prepare_truth(
     ignored: Bool[ndarray, "h w"] | None = None,
     min_pixels: int = MIN_VISIBLE_PIXELS,
 ) -> UInt32[ndarray, "h w"]:
-    """One view's ground truth with ignored pixels, and instances under `min_pixels` of what is left, set to 0."""
+    """Set ignored pixels of one view's ground truth, and instances under `min_pixels` of what is left, to 0."""
     kept = labels.copy()
     if ignored is not None:
         kept[ignored] = 0
@@ -76,7 +76,7 @@ def prepare_truth(
     return ids[inverse].reshape(labels.shape)
 
 
-def count_confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) -> Confusion:
+def count_confusion(truth: Integer[ndarray, "*n"], predicted: Integer[ndarray, "*n"]) -> Confusion:
     """Count shared pixels of two label arrays of one shape; several views are compared by concatenating them."""
     truth_ids, truth_index = np.unique(truth, return_inverse=True)
     predicted_ids, predicted_index = np.unique(predicted, return_inverse=True)
@@ -96,7 +96,8 @@ def count_confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) ->
 
 
 def match_one_to_one(pixels: Confusion) -> Matching:
-    """The Hungarian matching that maximises the summed IoU: each predicted ID serves one ground-truth instance."""
+    """Match one to one so that the summed IoU is largest (Hungarian method): each predicted ID serves one ground-truth
+    instance."""
     iou = pixels.iou
     rows, columns = linear_sum_assignment(iou, maximize=True)
     matched, recall = np.zeros(len(iou)), np.zeros(len(iou))
@@ -106,7 +107,8 @@ def match_one_to_one(pixels: Confusion) -> Matching:
 
 
 def match_by_majority(pixels: Confusion) -> Matching:
-    """Every predicted ID joins the ground-truth instance it covers most (ties: the lower ID); unions are compared.
+    """Match by majority: every predicted ID joins the ground-truth instance it covers most (ties: the lower ID); unions
+    are compared.
 
     A map in pieces wins this matching, which is why it is never the headline.
     """
@@ -143,12 +145,12 @@ class LabelledView:
 
     camera: str
     time: float
-    truth: Int[ndarray, "h w"]
-    predicted: Int[ndarray, "h w"]
+    truth: Integer[ndarray, "h w"]
+    predicted: Integer[ndarray, "h w"]
 
 
 def count_id_switches(views: Sequence[LabelledView]) -> int:
-    """How often a ground-truth instance changes its predicted ID along a camera's views, summed over all.
+    """Count how often ground-truth instances change their predicted ID along a camera's views.
 
     Its ID in a view is the predicted instance of highest IoU there (ties: the lower ID). The views of each camera
     in which the instance is labelled are taken in order of time; each change between consecutive ones counts.

@@ -1,4 +1,4 @@
-"""Which predicted IDs an object is in, and which objects share an ID: fragmentation and collisions, counted by object.
+"""Fragmentation and collisions by object: predicted IDs that one object is in, and objects that share an ID.
 
 Pixels or points of an object that carry a neighbour's ID along its border are a fringe, no fragment: an ID counts for
 an object only if it holds a share of it.
@@ -24,12 +24,12 @@ class Holding:
 
     predicted_id: int
     share: float
-    """Of the object's pixels (or points)."""
+    """Share of the object's pixels (or points)."""
 
 
 def find_holdings(counts: Confusion, min_share: float = MIN_SHARE) -> dict[int, tuple[Holding, ...]]:
-    """By ground-truth ID: the predicted IDs that hold at least `min_share` of it, the largest first (ties: the lower
-    ID). Of a shattered object, which has IDs but none that holds so much, all count.
+    """Find by ground-truth ID the predicted IDs that hold at least `min_share` of it, the largest first (ties: the
+    lower ID). Of a shattered object, which has IDs but none that holds so much, all count.
 
     Pixels without a predicted ID belong to the whole but to none of the parts: shares may sum to less than 1, and an
     object with less than `min_share` under any ID has none.
@@ -45,7 +45,7 @@ def find_holdings(counts: Confusion, min_share: float = MIN_SHARE) -> dict[int, 
 
 
 def group_objects_by_id(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple[int, ...]]:
-    """By predicted ID that counts for any object: the ground-truth IDs that it counts for, in order."""
+    """Group by predicted ID the ground-truth IDs that it counts for, in order."""
     objects: dict[int, list[int]] = {}
     for truth_id in sorted(held):
         for holding in held[truth_id]:
@@ -54,13 +54,13 @@ def group_objects_by_id(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple
 
 
 def find_shared_ids(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple[int, ...]]:
-    """As `group_objects_by_id`, those with more than one object: the collisions."""
+    """Find the collisions: predicted IDs that count for more than one object, with these objects."""
     return {key: objects for key, objects in group_objects_by_id(held).items() if len(objects) > 1}
 
 
 def count_covering_ids(counts: Confusion, covered: float = 1 - MIN_SHARE) -> list[int]:
-    """For each object that has IDs: the fewest of them that hold `covered` of all that has one. Crumbs, each too small
-    to count for the object, are found by this."""
+    """Count for each object that has IDs the fewest of them that hold `covered` of all that has one. Crumbs, each too
+    small to count for the object, are found by this."""
     shared = np.sort(counts.shared, axis=1)[:, ::-1]
     shared = shared[shared.any(axis=1)]
     reached = np.cumsum(shared, axis=1) >= covered * shared.sum(axis=1, keepdims=True)
@@ -68,6 +68,6 @@ def count_covering_ids(counts: Confusion, covered: float = 1 - MIN_SHARE) -> lis
 
 
 def compute_mean_count(groups: Sequence[Sequence[object]]) -> float | None:
-    """Mean size of the groups that are not empty; None where all are."""
+    """Compute the mean size of the groups that are not empty; None where all are."""
     sizes = [len(group) for group in groups if len(group)]
     return float(np.mean(sizes)) if sizes else None

@@ -1,11 +1,11 @@
-"""A scene's Gaussians where they are at one time, ready for the rasterizer."""
+"""Gaussians of a scene in the world at one time, ready for the rasterizer."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_core.scene.scene import Scene, place_in_world
@@ -20,15 +20,10 @@ class WorldGaussians:
     log_scales: Float32[ndarray, "n 3"]
     opacities: Float32[ndarray, " n"]
 
-    def without(self, rows: Bool[ndarray, " n"]) -> WorldGaussians:
-        """The same without the given rows."""
-        opacities = np.where(rows, np.float32(0), self.opacities)
-        return WorldGaussians(self.means, self.quats, self.log_scales, opacities)
-
 
 def place_world_gaussians(scene: Scene, time: float) -> WorldGaussians:
-    """Every actor placed at `time` (seconds); actors whose track does not cover it are absent."""
-    poses, present = scene.at(time)
+    """Place every actor at `time` (seconds); actors whose track does not cover it are absent."""
+    poses, present = scene.find_node_poses(time)
     means, quats = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     there = present[scene.nodes] > 0
     opacities = np.where(there, scene.gaussians.opacities, np.float32(0))

@@ -9,7 +9,7 @@ from typing import Literal
 from instdrive_core.evaluation.page.pictures import Picture
 
 _UNKNOWN = -1e9
-"""Where unknown values are sorted: below all others."""
+"""Order of unknown values: below all others."""
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -15,6 +16,9 @@ _MAX_POINTS = 300
 _SMOOTHED = 0.05
 """Share of a curve's points that its running mean covers."""
 _COLORS = 6
+
+Scale = Callable[[Any], Any]
+"""Turns values, one or an array of them, into pixels."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +96,8 @@ def build_line_chart(title: str, unit: str, curves: Sequence[Curve], logarithmic
     return LineChart(
         title,
         unit,
-        [Tick(_round(across(tick)), _format_number(tick)) for tick in x_ticks],
-        [Tick(_round(up(tick)), _format_number(10**tick if logarithmic else tick)) for tick in y_ticks],
+        _label_ticks(x_ticks, across),
+        _label_ticks(y_ticks, up, logarithmic),
         lines,
     )
 
@@ -139,7 +143,14 @@ def _choose_ticks(bounds: tuple[float, float], whole: bool = False) -> Float64[n
     return np.arange(np.floor(bounds[0] / step), np.ceil(bounds[1] / step) + 1) * step
 
 
-def _build_scale(values: tuple[float, float], pixels: tuple[float, float]):
+def _label_ticks(ticks: Float64[ndarray, " t"], place: Scale, logarithmic: bool = False) -> list[Tick]:
+    """Place ticks and write their values with as many digits as tell neighbours apart; exponents as powers of ten."""
+    digits = max(0, -int(np.floor(np.log10(ticks[1] - ticks[0]) + 1e-9)))
+    labels = [f"{10**tick:.3g}" if logarithmic else f"{tick:,.{digits}f}" for tick in ticks.tolist()]
+    return [Tick(_round(place(tick)), label) for tick, label in zip(ticks, labels, strict=True)]
+
+
+def _build_scale(values: tuple[float, float], pixels: tuple[float, float]) -> Scale:
     low, high = min(pixels), max(pixels)
     factor = (pixels[1] - pixels[0]) / (values[1] - values[0])
     return lambda value: np.clip(pixels[0] + (value - values[0]) * factor, low, high)
@@ -147,10 +158,6 @@ def _build_scale(values: tuple[float, float], pixels: tuple[float, float]):
 
 def _build_path(x: Float64[ndarray, " n"], y: Float64[ndarray, " n"]) -> str:
     return "M" + " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
-
-
-def _format_number(value: float) -> str:
-    return f"{value:.3g}" if abs(value) < 10000 else f"{value:,.0f}"
 
 
 def _round(value: float) -> float:

@@ -19,7 +19,7 @@ MISSED_COLOR, EXTRA_COLOR = ERROR_COLORS[NOTHING], ERROR_COLORS[OTHER]
 _HEIGHT, _MAX_WIDTH, _MAX_ENLARGED = 72, 150, 3.0
 """Pixels; small objects are enlarged at most so much."""
 _MARGIN = 0.15
-"""Of the object's box, on every side."""
+"""Margin on every side, as a share of the object's box."""
 _DIMMED, _TINT = 0.35, 0.6
 
 
@@ -52,7 +52,7 @@ def cut_out_objects(
 
 
 def _find_best_views(views: Sequence[HeldOutView]) -> Mapping[int, int]:
-    """By ground-truth ID, the position of the view with most of its pixels (ties: the first)."""
+    """Find by ground-truth ID the position of the view with most of its pixels (ties: the first)."""
     most: dict[int, tuple[int, int]] = {}
     for number, view in enumerate(views):
         ids, counts = np.unique(view.truth[view.truth > 0], return_counts=True)
@@ -87,7 +87,7 @@ def _find_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
     return slices[0], slices[1]
 
 
-def _fit_to_row(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
+def _fit_to_row(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "fitted_h fitted_w 3"]:
     """Resize a picture to the height of a table's row."""
     height, width = image.shape[:2]
     factor = min(_MAX_ENLARGED, _HEIGHT / height, _MAX_WIDTH / width)

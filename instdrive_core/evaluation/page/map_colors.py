@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Int, Integer, UInt8
+from jaxtyping import Integer, UInt8
 from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
@@ -21,7 +21,7 @@ ERROR_NAMES = {
     IGNORED: "ignored: unlabelled, sky, ego vehicle, tiny",
 }
 ERROR_COLORS = np.array([[38, 41, 46], [203, 208, 214], [213, 94, 0], [240, 200, 50], [0, 114, 178]], np.uint8)
-"""By category; the three errors are told apart by every kind of colour vision (Okabe and Ito 2008)."""
+"""Colours by category; the three errors are told apart by every kind of colour vision (Okabe and Ito 2008)."""
 _BOUNDARY = np.array([110, 116, 124], np.uint8)
 _STRIPE, _STRIPE_PERIOD = np.array([45, 47, 51], np.uint8), 7
 
@@ -60,7 +60,7 @@ def color_bijectively(ids: Integer[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
 
 def classify_pixels(
     truth: Integer[ndarray, "h w"], predicted: Integer[ndarray, "h w"], truth_of: Mapping[int, int]
-) -> Int[ndarray, "h w"]:
+) -> Integer[ndarray, "h w"]:
     """Say what became of each pixel: one of IGNORED, RIGHT, OTHER, PIECE, NOTHING."""
     values, index = np.unique(predicted, return_inverse=True)
     meant = np.array([truth_of.get(value, 0) for value in values.tolist()], np.int64)[index].reshape(truth.shape)
@@ -69,7 +69,7 @@ def classify_pixels(
     return np.where(truth == 0, IGNORED, category)
 
 
-def color_errors(categories: Int[ndarray, "h w"], truth: Integer[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
+def color_errors(categories: Integer[ndarray, "h w"], truth: Integer[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
     """Colour an error map and draw the outlines of the ground truth's instances into it."""
     image = ERROR_COLORS[categories]
     edges = np.zeros(truth.shape, bool)

@@ -64,7 +64,7 @@ def write_report(path: Path, run: Path, evaluation: Evaluation) -> None:
 
 
 def _find_warning(evaluation: Evaluation) -> str:
-    """What a reader must know before the figures; empty where there is nothing."""
+    """Find what a reader must know before the figures; empty where there is nothing."""
     if not evaluation.has_truth:
         return f"RGB only: {IMAGES_ONLY}."
     if evaluation.privileged:

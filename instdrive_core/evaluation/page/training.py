@@ -1,4 +1,4 @@
-"""How training went: PSNR, losses and size over time, of one run or of several."""
+"""Charts of how training went: PSNR, losses and size over time, of one run or of several."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class PicturedView:
     title: str
     photo: UInt8[ndarray, "h w 3"]
     image: UInt8[ndarray, "h w 3"]
-    """What the scene shows, exposed as PSNR compares it."""
+    """Picture of the scene, exposed as PSNR compares it."""
     truth: UInt32[ndarray, "h w"]
     predicted: UInt32[ndarray, "h w"]
     psnr: float | None
@@ -52,7 +52,7 @@ class CaptionedPicture:
     picture: Picture | None
     caption: str
     by_id: Picture | None = None
-    """The same ID map in the colours of the bijective map; the page shows one of the two."""
+    """An ID map in the colours of the bijective map; the page shows either it or `picture`."""
 
     @property
     def byte_count(self) -> int:
@@ -125,7 +125,7 @@ def spread_over_steps(steps: Sequence[int]) -> Iterator[int]:
 
 
 def list_error_colors() -> dict[str, str]:
-    """What each colour of an error map means: CSS colour by name."""
+    """List what the colours of an error map mean: CSS colour by name."""
     return {name: format_color(ERROR_COLORS[category]) for category, name in ERROR_NAMES.items()}
 
 
@@ -202,4 +202,4 @@ def _render_exposed(scene: Scene, frame: Frame) -> ndarray:
     image = view_scene(scene, frame.view.camera, frame.view.time).color
     if scene.exposures is None:
         return image
-    return apply_exposure(image, scene.exposures.at(frame.view.name, frame.view.time))
+    return apply_exposure(image, scene.exposures.interpolate(frame.view.name, frame.view.time))

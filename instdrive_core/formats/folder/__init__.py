@@ -1,1 +1,1 @@
-"""The native scene folder."""
+"""The program's own scene folder."""

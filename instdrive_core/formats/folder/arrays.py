@@ -1,4 +1,4 @@
-"""The arrays of a scene folder: one safetensors file, named by what it holds."""
+"""The arrays of a scene folder: one safetensors file, named by its content."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EXTRA = "extra."
 
 
 def digest_arrays(arrays: dict[str, ndarray]) -> str:
-    """What names the file: 16 digits of the SHA-256 of all arrays."""
+    """Digest all arrays for the file's name: 16 hexadecimal digits of their SHA-256."""
     digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):
         digest.update(_encode_title(name, array.dtype, array.shape))
@@ -33,9 +33,9 @@ def digest_arrays(arrays: dict[str, ndarray]) -> str:
 
 
 def read_arrays(path: Path, scene: Path, options: ReadOptions = WHOLE) -> tuple[dict[str, ndarray], str]:
-    """The arrays in the file `path` of the folder `scene`, and the digest of all that the file holds.
+    """Read the arrays in the file `path` of the folder `scene`, and the digest of all that the file holds.
 
-    Those of splats are reduced to the rows that are kept.
+    Arrays with a row per splat are reduced to the rows that are kept.
 
     Raises SceneTooLargeError before anything is loaded, SafetensorError or OSError where the file is damaged.
     """
@@ -72,7 +72,7 @@ def _is_per_splat(name: str) -> bool:
 
 
 def _count_value_bytes(name: str, part: Any) -> int:
-    """Of one number in memory; float16 is opened as float32."""
+    """Count the bytes of one number in memory; float16 is opened as float32."""
     stored = int(part.get_dtype()[1:]) // 8 if part.get_dtype()[1:].isdecimal() else 4
     return max(stored, 4) if name in Gaussians.__dataclass_fields__ else stored
 

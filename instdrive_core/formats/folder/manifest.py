@@ -1,4 +1,4 @@
-"""The part of a scene that is no array, as JSON values, and back."""
+"""The part of a scene that is not an array, as JSON values, and back."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from instdrive_core.scene.track import Track
 
 
 def build_manifest(scene: Scene) -> dict[str, Any]:
-    """Table, tracks, views, exposed photos, origin, code bits, how it is drawn; poses and other arrays stand apart."""
+    """Describe a scene as JSON values: all but its arrays (Gaussians, IDs, poses, sky, exposures)."""
     return {
         "origin": scene.origin.tolist(),
         "code_bits": scene.code_bits,
@@ -71,7 +71,7 @@ def _describe_view(view: CameraView) -> dict[str, Any]:
 
 
 def assemble_scene(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Scene:
-    """Put a scene together. Raises KeyError, TypeError or ValueError where manifest and arrays do not fit."""
+    """Assemble a scene. Raises KeyError, TypeError or ValueError where manifest and arrays do not fit."""
     gaussians = Gaussians(**{name: _get_floats(arrays, name) for name in Gaussians.__dataclass_fields__})
     instance_ids = _get_integers(arrays, "instance_ids", np.uint32)
     nodes = _get_integers(arrays, "nodes", np.uint16)
@@ -97,7 +97,7 @@ def assemble_scene(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Scen
 
 
 def _parse_table(entries: list[dict[str, Any]], ids: ndarray, means: ndarray, nodes: ndarray) -> InstanceTable:
-    """The instances listed, each of the node that most of its Gaussians belong to, whatever the list says."""
+    """Parse the list of instances; each gets the node that most of its Gaussians belong to, whatever the list says."""
     table = InstanceTable()
     for entry in entries:
         table.set(_parse_instance(entry))
@@ -175,8 +175,8 @@ def _parse_views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> t
     return tuple(views)
 
 
-def _parse_exposures(keys: list[str] | None, arrays: dict[str, ndarray]) -> Exposures | None:
-    """None too where the manifest is older than exposures."""
+def _parse_exposures(keys: Any, arrays: dict[str, ndarray]) -> Exposures | None:
+    """Parse the exposures; None also where the manifest is older than these."""
     if keys is None:
         return None
     if not (isinstance(keys, list) and all(isinstance(key, str) for key in keys)):
@@ -187,7 +187,7 @@ def _parse_exposures(keys: list[str] | None, arrays: dict[str, ndarray]) -> Expo
 
 
 def _parse_extra_columns(arrays: dict[str, ndarray]) -> dict[str, ndarray]:
-    """Columns that are not known. Raises ValueError where one could not stand in a .ply."""
+    """Parse the columns that are not known. Raises ValueError where one could not stand in a .ply."""
     extra = {name.removeprefix(EXTRA): array for name, array in arrays.items() if name.startswith(EXTRA)}
     for name, column in extra.items():
         if column.dtype == np.float16:  # of a scene saved in half precision

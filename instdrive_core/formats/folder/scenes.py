@@ -34,7 +34,7 @@ FORMAT_NAME, FORMAT_VERSION = "instdrive scene", 1
 _ARRAYS_NAME = re.compile(r"scene\.[0-9a-f]{16}\.safetensors")
 _ATTEMPTS = 5
 _EXACT = {"means", "instance_ids", "codewords", "nodes"}
-"""Stored as they are in a half-precision scene too: float16 metres are centimetres off at 30 m."""
+"""Arrays that a half-precision scene keeps as they are: float16 metres are centimetres off at 30 m."""
 
 
 def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> None:
@@ -137,7 +137,7 @@ def _halve_precision(name: str, array: ndarray) -> ndarray:
 
 
 def _relativize_photo(photo: str, folder: Path) -> str:
-    """Relative where folder and photo have an ancestor in common, so that both can be moved together."""
+    """Make a path relative where folder and photo have a common ancestor, so that both can be moved together."""
     if not photo:
         return ""
     photo, here = os.path.abspath(photo), str(folder.absolute())
@@ -164,7 +164,7 @@ def _read_manifest(path: Path) -> dict[str, Any]:
 def _read_parts(
     folder: Path, manifest_name: str, options: ReadOptions
 ) -> tuple[dict[str, Any], dict[str, ndarray], str]:
-    """Manifest, arrays and their digest, of one save: another program may be saving and removing what was named."""
+    """Read manifest, arrays and their digest of one save, while another program may be saving."""
     for attempt in range(_ATTEMPTS):
         manifest = _read_manifest(folder / manifest_name)
         path = folder / manifest["arrays"]

@@ -33,41 +33,41 @@ def write_objects_glb(path: Path, scene: Scene, objects: Sequence[SceneObject], 
     shown = trimesh.Scene(
         metadata={"origin": scene.origin.tolist(), "time": time, "axes": f"y up; below the node {ROOT!r} z up"}
     )
-    names = _unique_names(objects)
+    names = _choose_unique_names(objects)
     shown.graph.update(ROOT, shown.graph.base_frame, matrix=Y_UP_FROM_Z_UP)
     for entry, name in zip(objects, names, strict=True):
-        pose = _pose(entry.box)
+        pose = _build_pose(entry.box)
         shown.add_geometry(
-            _mesh(entry, pose),
+            _build_mesh(entry, pose),
             node_name=name,
             geom_name=name,
             parent_node_name=ROOT,
             transform=pose,
-            metadata=_facts(entry),
+            metadata=_describe_object(entry),
         )
-    colors = {_material_name(entry): entry.instance.color for entry in objects}
+    colors = {_name_material(entry): entry.instance.color for entry in objects}
 
     def recolor(tree: dict[str, Any]) -> None:
         for material in tree["materials"]:
-            material["pbrMetallicRoughness"]["baseColorFactor"] = [*_linear(colors[material["name"]]), 1.0]
+            material["pbrMetallicRoughness"]["baseColorFactor"] = [*_linearize(colors[material["name"]]), 1.0]
 
     write_bytes(path, export_glb(shown, include_normals=False, tree_postprocessor=recolor))
 
 
-def _mesh(entry: SceneObject, pose: Float64[ndarray, "4 4"]) -> trimesh.Trimesh:
-    """The shape in the box's frame, so that the node's place is the object's middle."""
+def _build_mesh(entry: SceneObject, pose: Float64[ndarray, "4 4"]) -> trimesh.Trimesh:
+    """Build the shape in the box's frame, so that the node's place is the object's middle."""
     if entry.hull is None:
         mesh = trimesh.creation.box(extents=entry.box.size)
     else:
         vertices, faces = entry.hull
         mesh = trimesh.Trimesh((vertices - pose[:3, 3]) @ pose[:3, :3], faces, process=False)
-    material = PBRMaterial(name=_material_name(entry), metallicFactor=0.0, roughnessFactor=0.8)
+    material = PBRMaterial(name=_name_material(entry), metallicFactor=0.0, roughnessFactor=0.8)
     material.baseColorFactor = [*entry.instance.color, 255]
     mesh.visual = TextureVisuals(material=material)
     return mesh
 
 
-def _facts(entry: SceneObject) -> dict[str, Any]:
+def _describe_object(entry: SceneObject) -> dict[str, Any]:
     instance = entry.instance
     return {
         "id": instance.id,
@@ -81,8 +81,8 @@ def _facts(entry: SceneObject) -> dict[str, Any]:
     }
 
 
-def _unique_names(objects: Sequence[SceneObject]) -> list[str]:
-    """The instances' names; one that is empty, taken or reserved gets its ID."""
+def _choose_unique_names(objects: Sequence[SceneObject]) -> list[str]:
+    """Choose the instances' names; one that is empty, taken or reserved gets its ID."""
     taken, names = {"world", ROOT}, []
     for entry in objects:
         instance = entry.instance
@@ -94,17 +94,17 @@ def _unique_names(objects: Sequence[SceneObject]) -> list[str]:
     return names
 
 
-def _pose(box: OrientedBox) -> Float64[ndarray, "4 4"]:
+def _build_pose(box: OrientedBox) -> Float64[ndarray, "4 4"]:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = box.rotation, box.center
     return pose
 
 
-def _material_name(entry: SceneObject) -> str:
+def _name_material(entry: SceneObject) -> str:
     return f"ID {entry.instance.id}"
 
 
-def _linear(color: tuple[int, int, int]) -> list[float]:
-    """An sRGB colour as glTF's factors are meant: linear. Exact enough that rounding gives the 8 bits back."""
+def _linearize(color: tuple[int, int, int]) -> list[float]:
+    """Turn an sRGB colour into the linear one of glTF's factors, exact enough that rounding gives the 8 bits back."""
     values = np.array(color) / 255
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).tolist()

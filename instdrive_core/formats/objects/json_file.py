@@ -26,7 +26,7 @@ CONVENTIONS = {
     "track": "x right, y forward, z up in the box's centre; rotations are quaternions w, x, y, z",
     "time": "seconds since the clip's first time step",
 }
-"""Said in every file."""
+"""Conventions that every file states."""
 
 
 def write_objects_json(path: Path, scene: Scene, objects: Sequence[SceneObject], time: float) -> None:
@@ -36,14 +36,14 @@ def write_objects_json(path: Path, scene: Scene, objects: Sequence[SceneObject],
         "version": FORMAT_VERSION,
         "conventions": CONVENTIONS,
         "time": time,
-        "origin": _numbers(scene.origin),
-        "objects": [_object(entry) for entry in objects],
+        "origin": _round_numbers(scene.origin),
+        "objects": [_describe_object(entry) for entry in objects],
         "tracks": [describe_track(actor) for actor in scene.actors],
     }
     write_bytes(path, (json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
-def _object(entry: SceneObject) -> dict[str, Any]:
+def _describe_object(entry: SceneObject) -> dict[str, Any]:
     instance = entry.instance
     fields: dict[str, Any] = {
         "id": instance.id,
@@ -53,27 +53,27 @@ def _object(entry: SceneObject) -> dict[str, Any]:
         "color": "#{:02x}{:02x}{:02x}".format(*instance.color),
         "count": entry.count,
         "present": entry.present,
-        "box": _box(entry.box) | {"heading": entry.track is not None},
+        "box": _describe_box(entry.box) | {"heading": entry.track is not None},
         "bounds": {
-            "min": _numbers(entry.bounds.center - entry.bounds.size / 2),
-            "max": _numbers(entry.bounds.center + entry.bounds.size / 2),
+            "min": _round_numbers(entry.bounds.center - entry.bounds.size / 2),
+            "max": _round_numbers(entry.bounds.center + entry.bounds.size / 2),
         },
         "track": None if entry.track is None else entry.track.id,
     }
     if entry.box_in_track is not None:
-        fields["box_in_track"] = _box(entry.box_in_track)
+        fields["box_in_track"] = _describe_box(entry.box_in_track)
     if entry.hull is not None:
         vertices, faces = entry.hull
-        fields["hull"] = {"vertices": [_numbers(vertex) for vertex in vertices], "faces": faces.tolist()}
+        fields["hull"] = {"vertices": [_round_numbers(vertex) for vertex in vertices], "faces": faces.tolist()}
     return fields
 
 
-def _box(box: OrientedBox) -> dict[str, Any]:
-    return {"center": _numbers(box.center), "size": _numbers(box.size), "yaw": round(box.yaw, 6)}
+def _describe_box(box: OrientedBox) -> dict[str, Any]:
+    return {"center": _round_numbers(box.center), "size": _round_numbers(box.size), "yaw": round(box.yaw, 6)}
 
 
 def describe_track(track: Track) -> dict[str, Any]:
-    """A track as JSON values."""
+    """Describe a track as JSON values."""
     width, length, height = track.dimensions.tolist()
     return {
         "id": track.id,
@@ -81,11 +81,11 @@ def describe_track(track: Track) -> dict[str, Any]:
         "moving": track.moving,
         "size": {"width": width, "length": length, "height": height},
         "times": track.times.tolist(),
-        "positions": [_numbers(position) for position in track.world_from_box[:, :3, 3]],
+        "positions": [_round_numbers(position) for position in track.world_from_box[:, :3, 3]],
         "rotations": np.round(quaternion_from_matrix(track.world_from_box[:, :3, :3]), 9).tolist(),
     }
 
 
-def _numbers(values: ndarray) -> list[float]:
-    """To a ten thousandth of a millimetre: more digits say nothing, and make the file twice as long."""
+def _round_numbers(values: ndarray) -> list[float]:
+    """Round to a ten-thousandth of a millimetre: more digits say nothing and double the file."""
     return np.round(values, 7).tolist()

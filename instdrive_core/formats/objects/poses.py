@@ -22,7 +22,7 @@ _SAID = {name: CONVENTIONS[name] for name in ("length", "axes", "track", "time")
 
 
 def write_poses(path: str | Path, track: Track, origin: Float64[ndarray, "3"], splats: str) -> None:
-    """Write a track, atomically.
+    """Write a track as JSON, atomically.
 
     Args:
         path: the .json file.
@@ -42,7 +42,7 @@ def write_poses(path: str | Path, track: Track, origin: Float64[ndarray, "3"], s
 
 
 def read_poses(path: str | Path) -> tuple[Track, Float64[ndarray, "3"], Path]:
-    """Track, origin and splats' file of what `write_poses` wrote. Raises DataError where it is something else."""
+    """Read the track, the scene's origin and the splats' file that `write_poses` wrote. Raises DataError."""
     path = Path(path)
     try:
         content = parse_json(require_plain_file(path).read_bytes())

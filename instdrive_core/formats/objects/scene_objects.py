@@ -1,4 +1,4 @@
-"""What a scene's instances are as objects: where they stand, how large they are, how they move."""
+"""A scene's instances as objects: where they stand, how large they are, how they move."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SOLID = 0.1
 FORWARD = math.pi / 2
 """Yaw, in a track's frame, of where the object heads."""
 HULL_SLACK = 1e-3
-"""Of the box's longest side: corners of the hull lie in the box, but for this."""
+"""Share of the box's longest side by which corners of the hull may leave the box."""
 
 Hull = tuple[Float64[ndarray, "v 3"], Int64[ndarray, "f 3"]]
 """Corners and triangles, counter-clockwise from outside."""
@@ -36,28 +36,28 @@ class SceneObject:
     count: int
     """Splats."""
     track: Track | None
-    """What it moves with; None where it stands still."""
+    """The track that it moves with; None where it stands still."""
     present: bool
     """Whether its track covers the moment; where not, it stands where the track begins or ends."""
     box: OrientedBox
     """With a track, x points forward; else along the longer side, one way or the other."""
     bounds: OrientedBox
-    """The same with yaw 0: the axis-aligned box."""
+    """The axis-aligned box (yaw 0)."""
     box_in_track: OrientedBox | None
-    """In the track's frame (x right, y forward, z up), x of the box forward: the same at any moment."""
+    """The box in the track's frame (x right, y forward, z up), its x forward: the same at any moment."""
     hull: Hull | None
     """None where none was asked for, or the splats span no volume."""
 
 
 def find_scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[SceneObject, ...]:
-    """The objects of all instances that have a splat with finite values, in the order of their IDs.
+    """Find the objects of all instances that have a splat with finite values, in the order of their IDs.
 
     Floaters, faint splats and the farthest 2 % at each face do not count (`instances.oriented_box`).
     """
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     found = []
-    for instance, rows in _rows_of_instances(scene):
-        kept = _shaping(scene, rows)
+    for instance, rows in _group_rows(scene):
+        kept = _select_shaping(scene, rows)
         if not len(kept):
             continue
         node = int(np.bincount(scene.nodes[rows]).argmax())
@@ -65,8 +65,8 @@ def find_scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[
         if not len(kept):
             continue
         track = scene.actors[node - 1] if node else None
-        means, covariances = _in_world(scene, kept, poses)
-        yaw = None if track is None else _heading(poses[node])
+        means, covariances = _collect_in_world(scene, kept, poses)
+        yaw = None if track is None else _compute_heading(poses[node])
         box = fit_upright_box(means, covariances, yaw)
         inside = box.holds(means, HULL_SLACK * float(box.size.max()))
         found.append(
@@ -77,14 +77,14 @@ def find_scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[
                 present=bool(present[node]),
                 box=box,
                 bounds=fit_upright_box(means, covariances, 0.0),
-                box_in_track=fit_upright_box(*_in_node(scene, kept), FORWARD) if track is not None else None,
+                box_in_track=fit_upright_box(*_collect_in_node(scene, kept), FORWARD) if track is not None else None,
                 hull=compute_convex_hull(means[inside]) if hulls else None,
             )
         )
     return tuple(found)
 
 
-def _rows_of_instances(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]:
+def _group_rows(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]:
     order = np.argsort(scene.instance_ids, kind="stable")
     ids, starts = np.unique(scene.instance_ids[order], return_index=True)
     for instance_id, rows in zip(ids.tolist(), np.split(order, starts)[1:], strict=True):
@@ -92,8 +92,8 @@ def _rows_of_instances(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, 
             yield scene.table[instance_id], rows
 
 
-def _shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
-    """Rows that say where the object is."""
+def _select_shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
+    """Select the rows that say where an object is."""
     gaussians = scene.gaussians
     numbers = (gaussians.means[rows], gaussians.quats[rows], gaussians.log_scales[rows])
     # Above 80 the scale is no float32 any more; a quaternion of 0 has no direction.
@@ -105,20 +105,24 @@ def _shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
     return rows[find_main_parts(gaussians.means[rows].astype(np.float64))] if len(rows) else rows
 
 
-def _in_node(scene: Scene, rows: Int64[ndarray, " k"]) -> tuple[Float64[ndarray, "k 3"], Float64[ndarray, "k 3 3"]]:
+def _collect_in_node(
+    scene: Scene, rows: Int64[ndarray, " k"]
+) -> tuple[Float64[ndarray, "k 3"], Float64[ndarray, "k 3 3"]]:
     gaussians = scene.gaussians
-    return gaussians.means[rows].astype(np.float64), _covariances(gaussians.quats[rows], gaussians.log_scales[rows])
+    return gaussians.means[rows].astype(np.float64), _compute_covariances(
+        gaussians.quats[rows], gaussians.log_scales[rows]
+    )
 
 
-def _in_world(
+def _collect_in_world(
     scene: Scene, rows: Int64[ndarray, " k"], poses: Float64[ndarray, "m 4 4"]
 ) -> tuple[Float64[ndarray, "k 3"], Float64[ndarray, "k 3 3"]]:
     gaussians = scene.gaussians
     means, quats = place_in_world(gaussians.means[rows], gaussians.quats[rows], scene.nodes[rows], poses)
-    return means.astype(np.float64), _covariances(quats, gaussians.log_scales[rows])
+    return means.astype(np.float64), _compute_covariances(quats, gaussians.log_scales[rows])
 
 
-def _covariances(quats: ndarray, log_scales: ndarray) -> Float64[ndarray, "k 3 3"]:
+def _compute_covariances(quats: ndarray, log_scales: ndarray) -> Float64[ndarray, "k 3 3"]:
     axes = (
         matrix_from_quaternion(normalize_quaternions(quats.astype(np.float64)))
         * np.exp(log_scales.astype(np.float64))[:, None]
@@ -126,6 +130,6 @@ def _covariances(quats: ndarray, log_scales: ndarray) -> Float64[ndarray, "k 3 3
     return axes @ axes.swapaxes(1, 2)
 
 
-def _heading(world_from_box: Float64[ndarray, "4 4"]) -> float:
+def _compute_heading(world_from_box: Float64[ndarray, "4 4"]) -> float:
     """Yaw of a track's forward axis."""
     return math.atan2(world_from_box[1, 1], world_from_box[0, 1])

@@ -21,7 +21,7 @@ def write_objects(path: str | Path, scene: Scene, time: float, shape: Shape = "b
     Args:
         path: ``.json``: one entry per instance and every track; ``.glb``: a node per instance, without objects whose
             track does not cover the time.
-        scene: what to write; of an edited one its `edits.bake.baked`, still with its actors.
+        scene: what to write; of an edited one its `edits.queries.bake.bake_document`, still with its actors.
         time: seconds at which moving objects are shown.
         shape: a hull takes the place of the box in a ``.glb`` and stands beside it in a ``.json``; instances whose
             splats span no volume are boxes.
@@ -51,7 +51,7 @@ def write_objects(path: str | Path, scene: Scene, time: float, shape: Shape = "b
 
 
 def check_suffix(path: Path) -> None:
-    """Raises DataError where objects cannot be written under this name."""
+    """Check a file's ending. Raises DataError where objects cannot be written under this name."""
     if path.suffix.lower() not in SUFFIXES:
         problem = f"objects cannot be written to a file that ends in {path.suffix or 'nothing'!r}"
         raise DataError(path, problem, f"Give a name that ends in {' or '.join(SUFFIXES)}")

@@ -1,1 +1,1 @@
-"""Everything that ends in .ply."""
+"""The .ply formats: INRIA's layout, its twin for SIBR viewers, and the packed one."""

@@ -1,4 +1,4 @@
-"""Which .ply property holds which value: the INRIA layout and InstDrive's extra columns."""
+"""The properties of a .ply and the values they hold: the INRIA layout and InstDrive's extra columns."""
 
 from __future__ import annotations
 
@@ -28,13 +28,16 @@ TYPE_NAMES = {
     "f4": "float",
     "f8": "double",
 }
-"""Of a .ply's header, by NumPy's kinds."""
+"""Names of types in a .ply's header, by NumPy's kinds."""
 ID_LIMITS = {"instance_id": ID_LIMIT, "codeword": 1 << 32}
 """Whole-number columns and the first value that does not fit them."""
 
 
 def check_columns(names: tuple[str, ...], path: Path) -> tuple[int, int]:
-    """The number of SH coefficients above the constant and the feature dimension. Raises DataError."""
+    """Check the names of columns; returns the number of SH coefficients above the constant and the feature dimension.
+
+    Raises DataError where a column is missing.
+    """
     missing = [name for name in REQUIRED if name not in names]
     if missing == ["scale_2"]:
         problem = "the splats have two sizes and no scale_2: it is a file of 2D Gaussians (2DGS), which are flat discs"
@@ -51,7 +54,7 @@ def check_columns(names: tuple[str, ...], path: Path) -> tuple[int, int]:
 
 
 def view_columns(gaussians: Gaussians) -> dict[str, ndarray]:
-    """Each INRIA property as a view (n,) of the Gaussians' arrays, in the order INRIA writes them (without normals)."""
+    """View each INRIA property (n,) in the Gaussians' arrays, in the order INRIA writes them (without normals)."""
     views = {name: gaussians.means[:, axis] for axis, name in enumerate("xyz")}
     views |= {f"f_dc_{channel}": gaussians.sh_dc[:, channel] for channel in range(3)}
     rest = gaussians.sh_rest.shape[1]
@@ -63,12 +66,12 @@ def view_columns(gaussians: Gaussians) -> dict[str, ndarray]:
 
 
 def view_features(gaussians: Gaussians) -> dict[str, ndarray]:
-    """``feature_0 …`` as views (n,)."""
+    """View each feature (n,) in the Gaussians' array, by its column's name ``feature_0`` …"""
     return {f"feature_{index}": gaussians.features[:, index] for index in range(gaussians.features.shape[1])}
 
 
 def check_whole_numbers(values: ndarray, name: str, path: Path) -> None:
-    """IDs may come in any numeric type, but must be whole numbers in range. Raises DataError."""
+    """Check that IDs, of any numeric type, are whole numbers in range. Raises DataError."""
     limit = ID_LIMITS[name]
     # Written so that NaN fails too.
     wrong = np.flatnonzero(~((values >= 0) & (values < limit) & (values == np.floor(values))))
@@ -78,7 +81,7 @@ def check_whole_numbers(values: ndarray, name: str, path: Path) -> None:
 
 
 def check_extra_column(name: str, column: ndarray) -> None:
-    """What no program knows must still be a column that a .ply can hold. Raises ValueError."""
+    """Check that a .ply can hold a column that no program knows. Raises ValueError."""
     if not name.isprintable() or name.split() != [name]:
         raise ValueError(f"{name!r} is no name of a column")
     if name in (*REQUIRED, *ID_LIMITS) or re.fullmatch(r"(f_rest|feature)_\d+", name):

@@ -1,4 +1,4 @@
-"""What a .ply's columns cannot hold: instance names, classes, code bits, origin, as JSON in comment lines.
+"""Comment lines of a .ply for what columns cannot hold: instance names, classes, code bits and origin, as JSON.
 
 How the splats are to be drawn stands there, too, as other programs write it: ``SplatRenderMode: mip`` (Brush, gsplat;
 written) or ``antialiased 1`` (Postshot).
@@ -29,7 +29,7 @@ _SCENE, _INSTANCE = "instdrive scene ", "instdrive instance "
 
 @dataclass
 class Annotations:
-    """The parsed comments."""
+    """What the comments of a .ply say."""
 
     antialiased: bool = False
     code_bits: int = 0
@@ -39,7 +39,7 @@ class Annotations:
 
 
 def build_comments(scene: Scene) -> list[str]:
-    """Comment lines; none for a plain scene without instances, codewords or origin, so that it stays a plain .ply."""
+    """Build a scene's comment lines: none without instances, codewords or origin, so that it stays a plain .ply."""
     lines = [_ANTIALIASED] if scene.antialiased else []
     if scene.code_bits or len(scene.table) or scene.origin.any():
         lines.append(_SCENE + _encode_line({"code_bits": scene.code_bits, "origin": scene.origin.tolist()}))
@@ -78,7 +78,7 @@ def _parse_scene(entry: dict[str, Any], annotations: Annotations) -> None:
 
 
 def _normalize_comment(comment: str) -> str:
-    """Without differences in case, spaces and the colon, which programs do not agree in."""
+    """Remove differences in case, spaces and the colon, in which programs do not agree."""
     return " ".join(comment.replace(":", " ").lower().split())
 
 

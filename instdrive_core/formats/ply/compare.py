@@ -1,4 +1,4 @@
-"""Whether a .ply holds a scene, bit by bit: chunk by chunk, in the memory of a chunk."""
+"""Comparing a .ply with a scene bit by bit, a chunk at a time, in the memory of a chunk."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from instdrive_core.scene.scene import Scene
 
 
 def find_changed_value(path: Path, scene: Scene) -> str:
-    """The first value by which a file written by `write_ply` differs from the scene; empty where none does.
+    """Find the first value by which a file written by `write_ply` differs from the scene; empty where none does.
 
     Raises DataError where the file cannot be read.
     """
@@ -38,7 +38,7 @@ def find_changed_value(path: Path, scene: Scene) -> str:
 
 
 def _describe_change(name: str, start: int, found: ndarray, wanted: ndarray) -> str:
-    """As bytes: NaN is kept and must count as equal."""
+    """Describe the first row that differs, compared as bytes: NaN is kept and must count as equal."""
     kind = f"V{wanted.dtype.itemsize}"
     differ = np.ascontiguousarray(found).view(kind) != np.ascontiguousarray(wanted).view(kind)
     row = int(np.flatnonzero(differ)[0])

@@ -1,4 +1,4 @@
-"""The header of a .compressed.ply: where chunks, packed vertices and SH bytes stand, checked against the file."""
+"""The header of a .compressed.ply: places of chunks, packed vertices and SH bytes, checked against the file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CHUNK = 256
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _AXES, _SCALES, _CHANNELS = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
 BOUNDS = tuple(f"{end}_{name}" for names in (_AXES, _SCALES, _CHANNELS) for end in ("min", "max") for name in names)
-"""In the order of the file: the least and the most of position, log scale and colour."""
+"""Columns of a chunk in the file's order: the least and the most of position, log scale and colour."""
 COLOR_BOUNDS = BOUNDS[12:]
 """Absent in files of the first versions, where colours are from 0 to 1."""
 
@@ -34,7 +34,7 @@ class Table:
 
 @dataclass(frozen=True)
 class CompressedLayout:
-    """What the reader needs to know before it touches the body."""
+    """Where the tables of a .compressed.ply lie."""
 
     chunks: Table
     vertices: Table
@@ -50,7 +50,7 @@ def read_compressed_layout(file: BinaryIO, path: Path, file_size: int) -> Compre
     layout = read_ply_layout(file, path)
     if layout.order == "=":
         raise DataError(path, "a compressed .ply cannot be ASCII", REMEDY)
-    tables = _tables(layout, path, file_size)
+    tables = _locate_tables(layout, path, file_size)
     for name, wanted in (("chunk", BOUNDS[:12]), ("vertex", PACKED)):
         if name not in tables:
             raise DataError(path, f"the header names no {name} element", "Rename a plain .ply file to end in .ply only")
@@ -64,12 +64,12 @@ def read_compressed_layout(file: BinaryIO, path: Path, file_size: int) -> Compre
     if chunks.count != -(-vertices.count // CHUNK):
         problem = f"{chunks.count} chunks do not fit {vertices.count} splats, {CHUNK} to a chunk"
         raise DataError(path, problem, REMEDY)
-    sh_count = _sh_count(sh, vertices.count, path)
+    sh_count = _count_sh(sh, vertices.count, path)
     return CompressedLayout(chunks, vertices, sh if sh_count else None, sh_count, layout.comments)
 
 
-def _tables(layout: PlyLayout, path: Path, file_size: int) -> dict[str, Table]:
-    """Every element before the first with lists, whose rows cannot be counted in bytes."""
+def _locate_tables(layout: PlyLayout, path: Path, file_size: int) -> dict[str, Table]:
+    """Locate every element before the first one with lists, whose rows cannot be counted in bytes."""
     tables: dict[str, Table] = {}
     offset = layout.body_offset
     fixed = True
@@ -79,18 +79,18 @@ def _tables(layout: PlyLayout, path: Path, file_size: int) -> dict[str, Table]:
             problem = f"the element {element.name!r} stands twice in the header, or after or among list properties"
             raise DataError(path, problem, REMEDY)
         if fixed:
-            tables[element.name] = _table(element, layout.order, offset)
+            tables[element.name] = _build_table(element, layout.order, offset)
             offset += tables[element.name].count * tables[element.name].dtype.itemsize
     _check_length(offset, fixed, path, file_size)
     return tables
 
 
-def _table(element: PlyElement, order: str, offset: int) -> Table:
+def _build_table(element: PlyElement, order: str, offset: int) -> Table:
     return Table(offset, element.count, element.build_dtype(order))
 
 
 def _check_length(end: int, is_all: bool, path: Path, file_size: int) -> None:
-    """A lying count must fail here, before anything is allocated by it."""
+    """Refuse a lying count before anything is allocated by it."""
     if file_size < end:
         problem = f"the header promises {end} bytes, {file_size} are there"
         raise DataError(path, problem, "The file was cut off or its header is wrong; copy or export it again")
@@ -105,7 +105,7 @@ def _check_kinds(table: Table, names: tuple[str, ...], kind: str, word: str, pat
             raise DataError(path, f"the property {name!r} is of the wrong type, not {word}", REMEDY)
 
 
-def _sh_count(sh: Table | None, splats: int, path: Path) -> int:
+def _count_sh(sh: Table | None, splats: int, path: Path) -> int:
     if sh is None:
         return 0
     names = sh.dtype.names or ()

@@ -65,7 +65,7 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
 def write_ply(path: str | Path, scene: Scene) -> None:
     """Write a scene at one moment, atomically. Sky and camera views have no place in a .ply.
 
-    Raises DataError where the scene has moving actors: place them first (`edits.bake.frozen_at`).
+    Raises DataError where the scene has moving actors: place them first (`edits.queries.bake.freeze_at_time`).
     """
     check_static(path, scene, ".ply")
     columns = collect_columns(scene)

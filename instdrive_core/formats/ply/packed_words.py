@@ -22,7 +22,7 @@ SH_LIMIT = 4.0
 
 
 def pack_units(units: Float64[ndarray, "n k"], bits: tuple[int, ...]) -> UInt32[ndarray, " n"]:
-    """Values of 0 to 1 as whole numbers of so many bits each; those outside are cut off."""
+    """Pack values of 0 to 1 into words, as whole numbers of so many bits each; values outside are cut off."""
     words = np.zeros(len(units), np.uint32)
     for column, width in enumerate(bits):
         most = (1 << width) - 1
@@ -32,7 +32,7 @@ def pack_units(units: Float64[ndarray, "n k"], bits: tuple[int, ...]) -> UInt32[
 
 
 def unpack_units(words: UInt32[ndarray, " n"], bits: tuple[int, ...]) -> Float64[ndarray, "n k"]:
-    """Inverse of `pack_units`."""
+    """Unpack what `pack_units` packed."""
     units = np.empty((len(words), len(bits)))
     shift = sum(bits)
     for column, width in enumerate(bits):
@@ -43,7 +43,7 @@ def unpack_units(words: UInt32[ndarray, " n"], bits: tuple[int, ...]) -> Float64
 
 
 def pack_rotations(quats: Float64[ndarray, "n 4"]) -> UInt32[ndarray, " n"]:
-    """Quaternions wxyz of any length: the place of the largest component and the other three from -√½ to √½."""
+    """Pack quaternions wxyz of any length: the place of the largest component, and the other three from -√½ to √½."""
     unit = normalize_quaternions(quats)
     largest = np.argmax(np.abs(unit), axis=1)
     sign = np.where(np.take_along_axis(unit, largest[:, None], axis=1) < 0, -1, 1)
@@ -52,7 +52,7 @@ def pack_rotations(quats: Float64[ndarray, "n 4"]) -> UInt32[ndarray, " n"]:
 
 
 def unpack_rotations(words: UInt32[ndarray, " n"]) -> Float64[ndarray, "n 4"]:
-    """Unit quaternions wxyz; the largest component, which is not stored, is positive."""
+    """Unpack unit quaternions wxyz; the largest component, which is not stored, is positive."""
     others = (unpack_units(words, _ROTATION_BITS) - 0.5) * np.sqrt(2)
     missing = np.sqrt(np.maximum(1 - (others**2).sum(axis=1), 0))
     largest = (words >> np.uint32(30)).astype(np.intp)
@@ -64,11 +64,11 @@ def unpack_rotations(words: UInt32[ndarray, " n"]) -> Float64[ndarray, "n 4"]:
 
 
 def encode_sh_bytes(values: Float64[ndarray, "*n"]) -> UInt8[ndarray, "*n"]:
-    """SH coefficients as bytes: steps of 1/32 from -4 to 4, cut off beyond."""
+    """Encode SH coefficients as bytes: steps of 1/32 from -4 to 4, cut off beyond."""
     return np.clip(np.floor((values / (2 * SH_LIMIT) + 0.5) * 256), 0, 255).astype(np.uint8)
 
 
 def decode_sh_bytes(stored: UInt8[ndarray, "*n"]) -> Float64[ndarray, "*n"]:
-    """The middle of each byte's step; 0 and 255 stand for the limits themselves."""
+    """Decode bytes as the middle of each one's step; 0 and 255 stand for the limits themselves."""
     units = np.where(stored == 0, 0, np.where(stored == 255, 1, (stored + 0.5) / 256))
     return (units - 0.5) * (2 * SH_LIMIT)

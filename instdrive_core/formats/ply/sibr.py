@@ -35,7 +35,7 @@ def write_sibr_ply(path: str | Path, scene: Scene) -> None:
 
     Lower SH degrees are filled up with zeros, which shows the same picture. Instances, features, other columns, real
     normals and the origin are left out. Raises DataError where the scene has moving actors: place them first
-    (`edits.bake.frozen_at`).
+    (`edits.queries.bake.freeze_at_time`).
     """
     check_static(path, scene, ".ply")
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(scene)}"]

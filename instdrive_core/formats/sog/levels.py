@@ -44,7 +44,7 @@ class _Part:
 
 
 def is_sog_folder(folder: Path) -> bool:
-    """Whether `read_sog_folder` knows what to do with it."""
+    """Whether `read_sog_folder` can open a folder."""
     return (folder / META).is_file() or (folder / LOD_META).is_file() or bool(_find_chunk_folders(folder))
 
 
@@ -83,12 +83,12 @@ def _find_chunk_folders(folder: Path) -> dict[tuple[int, int], Path]:
 
 
 def _choose_level(level: int, levels: set[int]) -> int:
-    """The finest level that is no finer than asked for, else the coarsest."""
+    """Choose the finest level that is no finer than asked for, else the coarsest."""
     return min((number for number in levels if number >= level), default=max(levels))
 
 
 def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Scene:
-    content = FolderStore(folder).json(LOD_META)
+    content = FolderStore(folder).read_json(LOD_META)
     version = content.get("version", 1)  # older files have none
     if version != 1:
         raise DataError(folder, f"{LOD_META} has 'version' {version!r}, not 1", "Export it as version 1")
@@ -127,7 +127,7 @@ def _find_source(folder: Path, name: Any) -> tuple[Path, str]:
 def _read_metas(sources: list[tuple[Path, str]], folder: Path) -> list[SogMeta]:
     if len(set(sources)) < len(sources):
         raise DataError(folder, "two chunks of the scene are the same file", REMEDY)
-    return [parse_sog_meta(FolderStore(place).json(name), place) for place, name in sources]
+    return [parse_sog_meta(FolderStore(place).read_json(name), place) for place, name in sources]
 
 
 def _open_chunks(
@@ -137,7 +137,7 @@ def _open_chunks(
     options: ReadOptions,
     shown: Sequence[int] = (),
 ) -> Iterator[Gaussians]:
-    """Each chunk in turn, whole, while all of them together can be believed and fit into memory.
+    """Open each chunk in turn, whole, while all of them together can be believed and fit into memory.
 
     `shown` is how many rows of the first chunks will be kept; of the others, all.
     """
@@ -157,7 +157,7 @@ def _open_chunks(
 
 
 def _collect_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
-    """What the leaves show at a level. Not recursive: a hostile tree is as deep as it likes."""
+    """Collect what the leaves show at a level. Not recursive: a hostile tree is as deep as it likes."""
     pending, parts, visited = [tree], [], 0
     while pending:
         node = pending.pop()
@@ -183,7 +183,7 @@ def _parse_part(entry: Any, folder: Path) -> _Part:
 
 
 def _select_parts(chunk: Gaussians, parts: list[_Part], folder: Path) -> Gaussians:
-    """The rows of all parts; each row can be shown once only."""
+    """Select the rows of all parts; each row can be shown once only."""
     end = 0
     for part in parts:
         if part.start < end or part.start + part.count > len(chunk):
@@ -196,7 +196,7 @@ def _select_parts(chunk: Gaussians, parts: list[_Part], folder: Path) -> Gaussia
 
 
 def _join(parts: list[Gaussians], metas: list[SogMeta]) -> Scene:
-    """One after the other; SH degrees are raised to the highest, as chunks without colours by view have none."""
+    """Join chunks one after the other. SH degrees are raised to the highest, as some chunks have none."""
     rest = max(part.sh_rest.shape[1] for part in parts)
     for part in parts:
         missing = rest - part.sh_rest.shape[1]

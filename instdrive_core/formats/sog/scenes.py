@@ -1,6 +1,6 @@
 """Scenes in PlayCanvas's SOG: lossless WebP images whose bytes are quantised attributes, and a meta.json.
 
-Read only, from a .sog archive, a meta.json with its images beside it, or a scene in levels of detail (`sog_levels`).
+Read only, from a .sog archive, a meta.json with its images beside it, or a scene in levels of detail (`levels`).
 A splat is one pixel of each image; its values come out exactly as the file defines them, so that what differs from the
 scene that was packed was lost in packing:
 
@@ -50,13 +50,13 @@ def read_sog(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
 
 
 def read_sog_meta_scene(store: Store, name: str, options: ReadOptions = WHOLE) -> Scene:
-    """The scene of one meta.json, whose images lie where it does. Raises DataError."""
-    meta = parse_sog_meta(store.json(name), store.path)
+    """Read the scene of one meta.json, whose images lie beside it. Raises DataError."""
+    meta = parse_sog_meta(store.read_json(name), store.path)
     return replace(scene_from_gaussians(read_sog_gaussians(store, meta, options)), antialiased=meta.antialiased)
 
 
 def read_sog_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE) -> Gaussians:
-    """The Gaussians that a meta.json describes. Raises DataError."""
+    """Read the Gaussians that a meta.json describes. Raises DataError."""
     check_plausible_count(store.path, meta.count, store.size)
     entries = None if meta.palette is None else _read_palette(meta.palette, store)
     rest = 0 if entries is None else entries.shape[1]
@@ -68,7 +68,7 @@ def read_sog_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE
     _fill_means(meta, store, gaussians, options)
     report(0.5)
     tags = _read_splat_pixels(store, meta.quats_file, meta.count, options)
-    for rows in _row_blocks(len(gaussians)):
+    for rows in _list_row_blocks(len(gaussians)):
         gaussians.quats[rows] = _decode_rotations(tags[rows], rows.start, store.path)
     report(0.7)
     scales = _read_splat_pixels(store, meta.scales_file, meta.count, options)
@@ -81,14 +81,14 @@ def read_sog_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE
 
 
 def _read_splat_pixels(store: Store, name: object, count: int, options: ReadOptions) -> UInt8[ndarray, "m 4"]:
-    """The kept ones of the first `count` pixels; images are rounded up to rows, or even to powers of two."""
-    pixels = store.pixels(name, count, 4 * count + 65536).reshape(-1, 4)[:count]
+    """Read the first `count` pixels and keep those asked for; images are rounded up to rows, or to powers of two."""
+    pixels = store.read_pixels(name, count, 4 * count + 65536).reshape(-1, 4)[:count]
     return pixels[:: options.keep_every].copy() if options.keep_every > 1 else pixels
 
 
 def _fill_means(meta: SogMeta, store: Store, gaussians: Gaussians, options: ReadOptions) -> None:
     low, high = (_read_splat_pixels(store, name, meta.count, options) for name in meta.means_files)
-    for rows in _row_blocks(len(gaussians)):
+    for rows in _list_row_blocks(len(gaussians)):
         steps = low[rows, :3] + high[rows, :3] * 256.0
         logarithms = meta.lowest + (meta.highest - meta.lowest) * (steps / 65535)
         gaussians.means[rows] = np.sign(logarithms) * np.expm1(np.abs(logarithms))
@@ -111,7 +111,7 @@ def _decode_rotations(pixels: UInt8[ndarray, "n 4"], start: int, path: Path) -> 
 def _read_labels(
     meta: SogMeta, palette: SogPalette, store: Store, entries: int, options: ReadOptions
 ) -> Int64[ndarray, " m"]:
-    """Which entry of the palette each splat has."""
+    """Read the palette entry of each splat."""
     pixels = _read_splat_pixels(store, palette.labels, meta.count, options)
     labels = pixels[:, 0].astype(np.int64) + pixels[:, 1].astype(np.int64) * 256
     wrong = np.flatnonzero(labels >= entries)
@@ -122,7 +122,7 @@ def _read_labels(
 
 
 def _read_palette(palette: SogPalette, store: Store) -> Float32[ndarray, "p k 3"]:
-    image = store.pixels(palette.centroids, 1, PALETTE_LIMIT * REST_COUNTS[-1])
+    image = store.read_pixels(palette.centroids, 1, PALETTE_LIMIT * REST_COUNTS[-1])
     height, width = image.shape[:2]
     rest, count = palette.rest or width // PALETTE_COLUMNS, palette.count or height * PALETTE_COLUMNS
     if rest not in REST_COUNTS[1:] or width != PALETTE_COLUMNS * rest or height * PALETTE_COLUMNS < count:
@@ -131,5 +131,5 @@ def _read_palette(palette: SogPalette, store: Store) -> Float32[ndarray, "p k 3"
     return palette.values[image[:, :, :3]].reshape(-1, rest, 3)[:count]
 
 
-def _row_blocks(count: int) -> list[slice]:
+def _list_row_blocks(count: int) -> list[slice]:
     return [slice(start, min(start + BLOCK_ROWS, count)) for start in range(0, count, BLOCK_ROWS)]

@@ -1,4 +1,4 @@
-"""Where the parts of a SOG scene lie, a folder or a zip archive, and how they are read without trusting them."""
+"""The parts of a SOG scene, in a folder or a zip archive, read without trusting them."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _BAD_MEMBER = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, Ru
 
 
 class Store(ABC):
-    """The files of one scene, by relative names that its JSON gives."""
+    """The files of one scene, read by the relative names that its JSON gives."""
 
     path: Path
     """The folder or archive, for messages."""
 
     @abstractmethod
     def _read(self, name: str, limit: int) -> bytes:
-        """At most `limit` + 1 bytes of a file whose name is checked. Raises DataError where there is none."""
+        """Read at most `limit` + 1 bytes of a file whose name is checked. Raises DataError where there is none."""
 
     @property
     @abstractmethod
@@ -43,7 +43,7 @@ class Store(ABC):
         """Bytes of all files that can be read, compressed."""
 
     def read(self, name: Any, limit: int) -> bytes:
-        """A whole file of at most `limit` bytes.
+        """Read a whole file of at most `limit` bytes.
 
         Raises DataError where it is absent or larger, UntrustedDataError where the name leads elsewhere.
         """
@@ -52,8 +52,8 @@ class Store(ABC):
             raise DataError(self.path, f"{name!r} holds more than {limit} bytes, too many for its content", REMEDY)
         return data
 
-    def json(self, name: str) -> dict[str, Any]:
-        """A JSON object. Raises DataError where it is none."""
+    def read_json(self, name: str) -> dict[str, Any]:
+        """Read a JSON object. Raises DataError where the file is none."""
         try:
             content = parse_json(self.read(name, _MAX_JSON_BYTES))
         except (ValueError, RecursionError) as error:
@@ -62,8 +62,8 @@ class Store(ABC):
             raise DataError(self.path, f"{name!r} holds a {type(content).__name__}, not an object", REMEDY)
         return content
 
-    def pixels(self, name: Any, least: int, most: int) -> UInt8[ndarray, "h w 4"]:
-        """A lossless image as RGBA. Raises DataError where it has fewer than `least` or more than `most` pixels."""
+    def read_pixels(self, name: Any, least: int, most: int) -> UInt8[ndarray, "h w 4"]:
+        """Read a lossless image as RGBA. Raises DataError for fewer than `least` or more than `most` pixels."""
         data = self.read(name, 5 * most + 4096)
         try:
             _check_pixels(_read_webp_size(data), least, most)
@@ -122,7 +122,7 @@ class ZipStore(Store):
 
 @contextmanager
 def open_sog_archive(path: Path) -> Iterator[ZipStore]:
-    """The members of a .sog. Raises DataError where it is no zip archive."""
+    """Open the members of a .sog. Raises DataError where it is no zip archive."""
     try:
         archive = zipfile.ZipFile(require_plain_file(path))
     except _BAD_MEMBER as error:
@@ -132,7 +132,7 @@ def open_sog_archive(path: Path) -> Iterator[ZipStore]:
 
 
 def check_member_name(name: Any, path: Path) -> str:
-    """A name relative to the scene's folder. Raises UntrustedDataError where it leads out of it."""
+    """Check a name relative to the scene's folder. Raises UntrustedDataError where it leads out of it."""
     if not isinstance(name, str) or not name:
         raise DataError(path, f"{name!r} stands where a file's name should", REMEDY)
     parts = PurePosixPath(name)
@@ -148,7 +148,7 @@ def _check_pixels(size: tuple[int, int] | None, least: int, most: int) -> None:
 
 
 def _read_webp_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height that a WebP header promises, before the decoder takes memory by it; None for other files.
+    """Read the width and height that a WebP header promises, before a decoder takes memory; None for other files.
 
     Raises ValueError where the image is compressed with losses, which would change every value.
     """

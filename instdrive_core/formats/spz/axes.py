@@ -36,7 +36,7 @@ class AxisFlips:
 
 
 def find_flips(system: int) -> AxisFlips:
-    """From a system 1 … 8 (bits of `system` - 1: x right, y up, z forward) to the .ply's right, down, forward."""
+    """Find the flips from a system 1 … 8 (bits of `system` - 1: x right, y up, z forward) to right, down, forward."""
     bits = system - 1
     signs = np.array([1 if bits & 1 else -1, -1 if bits & 2 else 1, 1 if bits & 4 else -1], np.float32)
     x, y, z = signs
@@ -46,7 +46,7 @@ def find_flips(system: int) -> AxisFlips:
 
 
 def parse_axes(records: bytes, path: Path) -> int:
-    """The system that the extension records name, RUB where none does. Raises DataError."""
+    """Parse the system that extension records name, RUB where none does. Raises DataError."""
     start, system = 0, RUB
     while start < len(records):
         kind = int.from_bytes(records[start : start + 4], "little")

@@ -40,7 +40,7 @@ _ZSTD_LEVEL, _GZIP_LEVEL = 6, 6
 
 @dataclass(frozen=True)
 class SpzHeader:
-    """What all versions say of their content."""
+    """The header that all versions have."""
 
     version: int
     count: int
@@ -65,7 +65,7 @@ Blocks = Iterator[tuple[str, ndarray]]
 
 
 def read_container(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blocks]:
-    """The checked header, and an iterator over each attribute's bytes (n, width), then the extensions' (m,).
+    """Read the header, and an iterator over each attribute's bytes (n, width), then those of the extensions (m,).
 
     Raises DataError, also while iterating, where anything is wrong or cut off.
     """
@@ -111,10 +111,10 @@ def _read_gzip(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blocks
     if magic != MAGIC:
         raise DataError(path, f"the gzip content begins with {magic!r}, not {MAGIC!r}", "Check that it is a .spz file")
     header = _check_header(SpzHeader(*fields), path, size, VERSIONS[:3])
-    return header, _gzip_blocks(packed, header, path)
+    return header, _read_gzip_blocks(packed, header, path)
 
 
-def _gzip_blocks(packed: gzip.GzipFile, header: SpzHeader, path: Path) -> Blocks:
+def _read_gzip_blocks(packed: gzip.GzipFile, header: SpzHeader, path: Path) -> Blocks:
     for name, width in header.widths.items():
         yield (
             name,
@@ -130,7 +130,7 @@ def _gzip_blocks(packed: gzip.GzipFile, header: SpzHeader, path: Path) -> Blocks
 
 
 def _unpack(packed: gzip.GzipFile, wanted: int, name: str, path: Path, short: bool = False) -> bytearray:
-    """The next `wanted` bytes (or, where `short`, up to that many)."""
+    """Unpack the next `wanted` bytes (or, where `short`, up to that many)."""
     data, start = bytearray(wanted), 0
     with memoryview(data) as view:
         while start < wanted:
@@ -169,10 +169,10 @@ def _read_streams(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blo
     if toc_end + sum(packed for packed, _ in entries) != size:
         problem = f"the streams end at byte {toc_end + sum(packed for packed, _ in entries)}, the file at {size}"
         raise DataError(path, problem, REMEDY)
-    return header, _zstd_blocks(file, header, [packed for packed, _ in entries], records, path)
+    return header, _read_zstd_blocks(file, header, [packed for packed, _ in entries], records, path)
 
 
-def _zstd_blocks(file: BinaryIO, header: SpzHeader, lengths: Iterable[int], records: bytes, path: Path) -> Blocks:
+def _read_zstd_blocks(file: BinaryIO, header: SpzHeader, lengths: Iterable[int], records: bytes, path: Path) -> Blocks:
     remaining = iter(lengths)
     for name, width in header.widths.items():
         expected = width * header.count

@@ -74,7 +74,7 @@ def read_spz(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
             if name == EXTENSIONS:
                 system = parse_axes(data.tobytes(), path)
                 continue
-            for rows in _row_blocks(header.count):
+            for rows in _list_row_blocks(header.count):
                 source, target = options.locate_rows(rows.start, rows.stop)
                 _decode(name, np.ascontiguousarray(data[rows][source]), gaussians, target, header)
     find_flips(system).apply(gaussians)
@@ -88,7 +88,7 @@ def write_spz(
 
     Args:
         path: the file.
-        scene: without moving actors: place them first (`edits.bake.frozen_at`).
+        scene: without moving actors: place them first (`edits.queries.bake.freeze_at_time`).
         version: 1 to 4; older ones for older programs.
         harmonics_bits: 1 to 8 for SH of degree 1, and of higher degrees.
 
@@ -97,7 +97,7 @@ def write_spz(
     check_static(path, scene, ".spz")
     gaussians = scene.gaussians
     for attribute, (field, allow_infinite) in _CHECKED.items():
-        for rows in _row_blocks(len(scene)):
+        for rows in _list_row_blocks(len(scene)):
             part, numbers = getattr(gaussians, field)[rows], np.arange(rows.start, rows.stop)
             check_numbers(path, attribute, part, numbers, allow_infinite)
     flags = ANTIALIASED if scene.antialiased else 0
@@ -108,14 +108,16 @@ def write_spz(
         write_container(
             file,
             header,
-            lambda name: (_encode(name, gaussians, rows, header, harmonics_bits) for rows in _row_blocks(len(scene))),
+            lambda name: (
+                _encode(name, gaussians, rows, header, harmonics_bits) for rows in _list_row_blocks(len(scene))
+            ),
         )
         file.seek(0, 2)
         # What this reader would not believe is not written either.
         check_plausible_count(path, len(scene), file.tell())
 
 
-def _row_blocks(count: int) -> Iterator[slice]:
+def _list_row_blocks(count: int) -> Iterator[slice]:
     return (slice(start, min(start + BLOCK_ROWS, count)) for start in range(0, count, BLOCK_ROWS))
 
 

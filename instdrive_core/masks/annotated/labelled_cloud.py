@@ -69,7 +69,7 @@ class LabelledCloud:
     """All annotated points that may be used."""
 
     points: Float32[ndarray, "n 3"]
-    """What stands still, in the world."""
+    """Points of what stands still, in the world."""
     ids: UInt32[ndarray, " n"]
     models: dict[int, Float32[ndarray, "k 3"]]
     """Points of each tracked object, in its box frame, by ID."""
@@ -116,7 +116,7 @@ NOTHING = np.iinfo(np.int64).max
 
 
 def assign_class_ids(class_names: dict[int, str], stuff_ids: dict[str, int]) -> Int64[ndarray, "256"]:
-    """What a point of each semantic class is outside of all boxes: an ID, `UNKNOWN`, or `NOTHING`."""
+    """Give each semantic class what its points are outside of all boxes: an ID, `UNKNOWN` or `NOTHING`."""
     ids = np.full(256, NOTHING, np.int64)
     for number, name in class_names.items():
         if name in MOVABLE:
@@ -127,7 +127,8 @@ def assign_class_ids(class_names: dict[int, str], stuff_ids: dict[str, int]) -> 
 
 
 def find_fitting_classes(class_names: dict[int, str], label: str) -> Bool[ndarray, "256"]:
-    """Semantic classes that points of an object with this label have; 0 is given to points that were left out."""
+    """Find the semantic classes that points of an object with this label have; 0 is given to points that were left
+    out."""
     fits = np.zeros(256, bool)
     fits[0] = True
     for number, name in class_names.items():
@@ -143,7 +144,7 @@ def _split_sweep(
     classes = found.classes if found.classes is not None else np.zeros(len(found.points), np.uint8)
     numbers = np.array(sorted(number for number, track in tracks.items() if track.covers(sweep.time)), np.int64)
     boxes = [tracks[int(number)] for number in numbers]
-    poses = np.array([track.pose_at(sweep.time) for track in boxes]).reshape(-1, 4, 4)
+    poses = np.array([track.interpolate_pose(sweep.time) for track in boxes]).reshape(-1, 4, 4)
     halves = np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3)
     moving = np.array([track.moving for track in boxes], bool)
     fitting = fits[numbers - min(tracks, default=0)].reshape(-1, 256)
@@ -169,7 +170,7 @@ def assign_boxes(
     moving: Bool[ndarray, " t"],
     fits: Bool[ndarray, "t 256"],
 ) -> tuple[Int32[ndarray, " n"], Bool[ndarray, " n"]]:
-    """The box that each point belongs to and whether a moving box is near.
+    """Assign each point to a box, and say where a moving box is near.
 
     A point belongs to the box in whose middle it lies the deepest, among those it is inside of and that its class
     fits; -1 = none, -2 = inside of a moving box without belonging to it. The second LiDAR's points never belong to a
@@ -210,7 +211,7 @@ def assign_boxes(
 def _thin_points(
     points: Float32[ndarray, "n 3"], ids: UInt32[ndarray, " n"], cell: float
 ) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"]]:
-    """One point per cell, with the cell's most frequent ID."""
+    """Thin points to one per cell, with the cell's most frequent ID."""
     if not len(points):
         return points, ids
     cells = np.floor(points / cell).astype(np.int64)
@@ -234,7 +235,7 @@ def _build_model(track: Track, parts: list[Float32[ndarray, "k 3"]]) -> Float32[
 
 
 def _drop_strays(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
-    """The points without small clusters apart from the rest, such as twigs above a roof."""
+    """Drop small clusters of points apart from the rest, such as twigs above a roof."""
     if not len(points):
         return points
     cells = np.floor(points / STRAY_CELL).astype(int)

@@ -63,11 +63,11 @@ class AnnotationLabels:
 
     @property
     def instances(self) -> dict[int, GroundTruthInstance]:
-        """What each ID is."""
+        """Facts of each ID."""
         return self._cloud.instances
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """IDs at the frame's size; 0 = unknown, sky or ego vehicle."""
+        """Load IDs at the frame's size; 0 = unknown, sky or ego vehicle."""
         labels = self._load_labels(frame)
         kept = (labels > UNKNOWN) & (labels != self._sky)
         if frame.valid is not None:
@@ -75,7 +75,7 @@ class AnnotationLabels:
         return np.where(kept, labels, 0).astype(np.uint32)
 
     def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
+        """Load the sky at the frame's size."""
         return self._load_labels(frame) == self._sky
 
     def _load_labels(self, frame: Frame) -> Int32[ndarray, "h w"]:
@@ -101,7 +101,7 @@ class AnnotationLabels:
         return np.where(np.isfinite(depths), drawn.astype(np.int32), OPEN)
 
     def _learn_colors(self, clip: Clip) -> SkyColors:
-        """What sky and surfaces look like in a few steps of the clip."""
+        """Learn what sky and surfaces look like in a few steps of the clip."""
         colors = SkyColors()
         steps = sorted({frame.view.index for frame in clip.training_frames})
         chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
@@ -119,7 +119,7 @@ class AnnotationLabels:
 
 
 def open_borders(labels: Int32[ndarray, "h w"], width: int) -> Int32[ndarray, "h w"]:
-    """The labels with pixels within `width` of another label opened, except where little of a label would be left."""
+    """Open pixels within `width` of another label, except where little of a label would be left."""
     low = ndimage.minimum_filter(np.where(labels == OPEN, np.iinfo(np.int32).max, labels), 2 * width + 1)
     high = ndimage.maximum_filter(labels, 2 * width + 1)
     border = (labels != OPEN) & (low != high)

@@ -47,7 +47,9 @@ def draw_objects(
     for number, track in cloud.tracks.items():
         if not track.covers(view.time):
             continue
-        found = _draw_silhouette(number, cloud.models[number], track.pose_at(view.time), track.dimensions, view.camera)
+        found = _draw_silhouette(
+            number, cloud.models[number], track.interpolate_pose(view.time), track.dimensions, view.camera
+        )
         if found is None:
             continue
         height, width = found.inside.shape

@@ -69,7 +69,8 @@ def write_coco_panoptic(
 
 
 def measure_segments(ids: UInt32[ndarray, "h w"]) -> list[dict[str, Any]]:
-    """ID, area (pixels) and bounding box (x, y, width, height) of every instance of a map, in the order of IDs."""
+    """Measure ID, area (pixels) and bounding box (x, y, width, height) of every instance of a map, in the order of
+    IDs."""
     present, positions = np.unique(ids, return_inverse=True)
     positions = positions.reshape(ids.shape)
     areas = np.bincount(positions.ravel(), minlength=len(present))

@@ -1,4 +1,4 @@
-"""Which instance each pixel of a photo's camera shows, drawn from a scene: the maps that exports write."""
+"""Maps of the instance that each pixel of a photo's camera shows, drawn from a scene, for exports."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class IdMap:
     """One view's instances."""
 
     view: CameraView
-    """As the scene keeps it; its camera has the scale of training."""
+    """View as the scene keeps it; its camera has the scale of training."""
     ids: UInt32[ndarray, "h w"]
     """0 = none."""
 
 
 def choose_views(scene: Scene, camera: str | None = None, every: int = 1) -> tuple[CameraView, ...]:
-    """The scene's views of one camera or of all, of every so many time steps, the first included.
+    """Choose the scene's views of one camera or of all, of every so many time steps, the first included.
 
     Raises OptionError where that leaves nothing, or names cannot be used as files.
     """
@@ -47,7 +47,7 @@ def choose_views(scene: Scene, camera: str | None = None, every: int = 1) -> tup
 
 
 def render_id_maps(scene: Scene, views: Sequence[CameraView], scale: float = 1.0) -> Iterator[IdMap]:
-    """The map of each view at its own time, at `scale` times its size.
+    """Render the map of each view at its own time, at `scale` times its size.
 
     Raises OptionError for a scale that makes pictures of no, or too many, pixels.
     """

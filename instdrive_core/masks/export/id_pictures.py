@@ -27,7 +27,7 @@ from instdrive_core.scene.scene import Scene
 
 LISTING = "instances.json"
 GREY, PACKED = "16-bit grey: the value is the ID", "8-bit RGB: R + 256 G + 65536 B is the ID"
-"""How labels may be stored."""
+"""Forms in which labels may be stored."""
 
 
 def write_id_pictures(
@@ -67,7 +67,8 @@ def write_id_pictures(
 
 
 def remove_listing(path: Path) -> None:
-    """A folder without its listing is unfinished, as long as pictures are written. Raises DataError where it stays."""
+    """Remove a folder's listing: without it, the folder is unfinished while pictures are written. Raises DataError
+    where it stays."""
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
@@ -76,7 +77,7 @@ def remove_listing(path: Path) -> None:
 
 
 def pack_ids(ids: UInt32[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
-    """IDs below 2^24 as R + 256 G + 65536 B, COCO's panoptic convention."""
+    """Pack IDs below 2^24 as R + 256 G + 65536 B, COCO's panoptic convention."""
     return np.stack([ids >> shift & 0xFF for shift in (0, 8, 16)], axis=-1).astype(np.uint8)
 
 

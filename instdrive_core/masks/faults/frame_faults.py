@@ -23,7 +23,7 @@ _CANDIDATES = 4
 
 @dataclass(frozen=True)
 class MaskFaults:
-    """How often each fault occurs."""
+    """Rates at which faults occur."""
 
     split: float = 0.25
     """Share of objects that fall into parts."""
@@ -42,14 +42,14 @@ class MaskFaults:
 def add_faults(
     instances: Integer[ndarray, "h w"], closed: Bool[ndarray, "h w"], faults: MaskFaults, key: str, seed: int
 ) -> UInt32[ndarray, "h w"]:
-    """A frame's masks as a segmenter would have got them wrong.
+    """Put faults into a frame's masks, as a segmenter would have got them wrong.
 
     Args:
         instances: exact labels; 0 = none.
         closed: where no mask may grow into: sky, ego vehicle.
-        faults: how often each occurs.
-        key: of the frame.
-        seed: see there.
+        faults: rates of the faults.
+        key: key of the frame.
+        seed: number that, with the key, chooses what goes wrong.
 
     Returns labels 1…n, each of one pixel at least; 0 = none.
     """
@@ -69,7 +69,7 @@ def add_faults(
 def _split_objects(
     objects: Int64[ndarray, "h w"], is_split: Bool[ndarray, " o"], most_parts: int, rng: np.random.Generator
 ) -> Int64[ndarray, "h w"]:
-    """A number per part: `most_parts` · object + part. A part is what lies nearest to one of the object's centres."""
+    """Number parts by `most_parts` · object + part. A part is what lies nearest to one of the object's centres."""
     parts = objects * most_parts
     chosen = np.flatnonzero(is_split[objects])
     members = objects.ravel()[chosen]
@@ -83,7 +83,7 @@ def _split_objects(
 
 
 def _assign_to_centers(places: Float64[ndarray, "n 2"], count: int, rng: np.random.Generator) -> Int64[ndarray, " n"]:
-    """Which of `count` centres, spread over the places at random, each place is nearest to. Every centre is a place of
+    """Assign each place to the nearest of `count` centres, spread over the places at random. Every centre is a place of
     its own, so that none goes without."""
     distances = np.empty((count, len(places)))
     nearest = np.full(len(places), np.inf)
@@ -100,7 +100,7 @@ def _assign_to_centers(places: Float64[ndarray, "n 2"], count: int, rng: np.rand
 def _merge_objects(
     parts: Int64[ndarray, "h w"], objects: Int64[ndarray, "h w"], share: float, rng: np.random.Generator
 ) -> Int64[ndarray, "h w"]:
-    """Masks 1…n: parts, of which some of different objects were joined: those with the pair's longest common border."""
+    """Join some parts of different objects to masks 1…n: those with the pair's longest common border."""
     masks = _renumber(parts)
     owner = np.zeros(masks.max(initial=0) + 1, np.int64)
     owner[masks.ravel()] = objects.ravel()
@@ -121,7 +121,7 @@ def _merge_objects(
 def _find_touching_pairs(
     masks: Int64[ndarray, "h w"], owner: Int64[ndarray, " m"]
 ) -> tuple[Int64[ndarray, "p 2"], Int64[ndarray, " p"]]:
-    """Pairs of masks of different objects that share pixel edges, and how many; smaller number first."""
+    """Find pairs of masks of different objects that share pixel edges, and how many; smaller number first."""
     border = np.concatenate([_select_unequal(masks[:, :-1], masks[:, 1:]), _select_unequal(masks[:-1], masks[1:])])
     border = np.sort(border[(border > 0).all(axis=1)], axis=1)
     codes, lengths = np.unique(border[:, 0] * len(owner) + border[:, 1], return_counts=True)
@@ -131,7 +131,7 @@ def _find_touching_pairs(
 
 
 def _select_unequal(ones: Int64[ndarray, "h w"], others: Int64[ndarray, "h w"]) -> Int64[ndarray, "n 2"]:
-    """The pairs that differ."""
+    """Select the pairs that differ."""
     differ = ones != others
     return np.stack([ones[differ], others[differ]], axis=1)
 
@@ -139,7 +139,7 @@ def _select_unequal(ones: Int64[ndarray, "h w"], others: Int64[ndarray, "h w"]) 
 def _roughen_borders(
     masks: Int64[ndarray, "h w"], closed: Bool[ndarray, "h w"], faults: MaskFaults, rng: np.random.Generator
 ) -> Int64[ndarray, "h w"]:
-    """The masks with borders moved: each pixel takes the label of a place up to `ragged` px away."""
+    """Move the borders of masks: each pixel takes the label of a place up to `ragged` px away."""
     moved = shift_labels(masks, draw_border_shifts(*masks.shape, faults.ragged, faults.grain, rng))
     moved[closed] = masks[closed]
     anchors = np.zeros(masks.max(initial=0) + 1, np.int64)
@@ -150,7 +150,7 @@ def _roughen_borders(
 
 
 def _renumber(labels: Int64[ndarray, "h w"]) -> Int64[ndarray, "h w"]:
-    """Small labels renumbered to 1…n in their order; 0 stays."""
+    """Renumber small labels to 1…n in their order; 0 stays."""
     is_present = np.bincount(labels.ravel()) > 0
     is_present[:1] = False
     return (np.cumsum(is_present) * is_present)[labels]

@@ -17,7 +17,8 @@ MAX_HALF_SIZE = 12.0
 def draw_points(
     points: Float32[ndarray, "n 3"], ids: UInt32[ndarray, " n"], camera: Camera, size: float
 ) -> tuple[UInt32[ndarray, "h w"], Float32[ndarray, "h w"]]:
-    """ID and depth (metres along the optical axis) of the nearest point in each pixel; 0 and infinity where none is.
+    """Draw ID and depth (metres along the optical axis) of the nearest point in each pixel; 0 and infinity where none
+    is.
 
     Args:
         points: in the world.

@@ -1,4 +1,4 @@
-"""Where a photo shows the sky: LiDAR looked there and nothing came back, or it looks like the sky next to it."""
+"""Sky of a photo: where LiDAR looked and nothing came back, or what looks like the sky next to it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MIN_LIKELIHOOD = 0.97
 
 
 class SkyColors:
-    """How often each colour is the sky's and a surface's: smoothed histograms over pixels of which that is known."""
+    """Smoothed histograms of the colours of known sky and of known surfaces."""
 
     def __init__(self) -> None:
         self._sky = np.zeros((COLOR_BINS,) * 3)
@@ -38,7 +38,7 @@ class SkyColors:
         self._surface += np.bincount(bins[surface], minlength=COLOR_BINS**3).reshape(self._sky.shape)
 
     def likelihood(self, image: UInt8[ndarray, "h w 3"]) -> Float64[ndarray, "h w"]:
-        """How likely each pixel's colour is the sky's, were both as frequent; 0 for colours never met."""
+        """Likelihood that each pixel's colour is the sky's, were both as frequent; 0 for colours never met."""
         sky, surface = (
             np.asarray(ndimage.gaussian_filter(counts, 0.7)) / max(1, counts.sum())
             for counts in (self._sky, self._surface)
@@ -49,7 +49,7 @@ class SkyColors:
 def find_certain_sky(
     supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera
 ) -> Bool[ndarray, "h w"]:
-    """Pixels through which LiDAR beams went without meeting a surface, up to the upper edge of the photo.
+    """Find pixels through which LiDAR beams went without meeting a surface, up to the upper edge of the photo.
 
     Args:
         supported: where a surface was met.
@@ -63,7 +63,7 @@ def find_certain_sky(
 def find_sky_seeds(
     supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera, elsewhere: SkyColors
 ) -> Bool[ndarray, "h w"]:
-    """Pixels that are sky: surely, or by their colour and next to such.
+    """Find pixels that are sky: certainly, or by their colour and next to such.
 
     Between tall buildings, LiDAR reaches no sky: there, unsupported pixels at the photo's upper edge are taken for
     sky if they look like the sky `elsewhere` in the clip. Other arguments as of `find_certain_sky`.
@@ -79,7 +79,7 @@ def find_sky_seeds(
 
 
 def _compute_elevation(camera: Camera) -> Float64[ndarray, "h w"]:
-    """Degrees above the horizon."""
+    """Compute degrees above the horizon."""
     x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
     y = ((np.arange(camera.height) + 0.5 - camera.cy) / camera.fy)[:, None]
     up = camera.world_from_camera[2, :3]
@@ -88,7 +88,7 @@ def _compute_elevation(camera: Camera) -> Float64[ndarray, "h w"]:
 
 
 def _find_empty_pixels(supported: Bool[ndarray, "h w"], camera: Camera) -> Bool[ndarray, "h w"]:
-    """Pixels through which beams went without meeting a surface.
+    """Find pixels through which beams went without meeting a surface.
 
     Beams get sparser towards the upper end of the field of view; a pixel is empty if no surface lies within the
     distance of the next beams. Above the field of view, a column is taken to go on as it is at its upper end,
@@ -109,7 +109,7 @@ def _find_empty_pixels(supported: Bool[ndarray, "h w"], camera: Camera) -> Bool[
 
 
 def _compute_contrast(image: UInt8[ndarray, "h w 3"]) -> ndarray:
-    """Largest difference within 3×3 pixels in any channel."""
+    """Compute the largest difference within 3×3 pixels in any channel."""
     values = image.astype(np.float32)
     return (ndimage.maximum_filter(values, (3, 3, 1)) - ndimage.minimum_filter(values, (3, 3, 1))).max(axis=2)
 
@@ -126,5 +126,5 @@ def _keep_top_row(mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
 
 
 def _keep_connected(mask: Bool[ndarray, "h w"], start: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
-    """The parts of `mask` that hang together with `start`."""
+    """Keep the parts of `mask` that are connected with `start`."""
     return np.asarray(ndimage.binary_propagation(start & mask, mask=mask))

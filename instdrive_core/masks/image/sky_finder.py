@@ -1,4 +1,4 @@
-"""Which of a photo's masks are the sky: those LiDAR looks through, or else those that look and lie like it."""
+"""Sky among a photo's masks: those that LiDAR looks through, or else those that look and lie like it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class SkyFinder:
     def find(
         self, image: UInt8[ndarray, "h w 3"], camera: Camera, labels: UInt32[ndarray, "h w"]
     ) -> Bool[ndarray, "h w"]:
-        """The sky of a photo whose masks are `labels` (0 = none).
+        """Find the sky of a photo whose masks are `labels` (0 = none).
 
         Where the clip has LiDAR, masks give the sky its border, and sky that no mask claims is found as well.
         """
@@ -54,12 +54,12 @@ class SkyFinder:
         return is_sky[labels] | (seeds & undecided[labels])
 
     def _find_supported(self, camera: Camera) -> Bool[ndarray, "h w"]:
-        """Pixels in which LiDAR met a surface at any time."""
+        """Find pixels in which LiDAR met a surface at any time."""
         ids = np.ones(len(self._points), np.uint32)
         return draw_points(self._points, ids, camera, POINT_SIZE)[0] > 0
 
     def _learn_colors(self, clip: Clip) -> None:
-        """What the sky looks like in a few steps of the clip."""
+        """Learn what the sky looks like in a few steps of the clip."""
         frames = clip.training_frames
         steps = sorted({frame.view.index for frame in frames})
         chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
@@ -72,9 +72,9 @@ class SkyFinder:
 def find_sky_by_looks(
     image: UInt8[ndarray, "h w 3"], camera: Camera, labels: UInt32[ndarray, "h w"]
 ) -> Bool[ndarray, "h w"]:
-    """Masks that reach the photo's upper edge, lie above the horizon, are smooth and brighter than the photo is below
-    the horizon."""
-    above = camera.ray_directions()[..., 2] > np.sin(np.radians(LOWEST_SKY))
+    """Find masks that reach the photo's upper edge, lie above the horizon, are smooth and brighter than the photo is
+    below the horizon."""
+    above = camera.compute_ray_directions()[..., 2] > np.sin(np.radians(LOWEST_SKY))
     grey = image.mean(axis=2)
     smooth = ndimage.maximum_filter(grey, 3) - ndimage.minimum_filter(grey, 3) < MAX_CONTRAST
     ground = grey[~above].mean() if not above.all() else grey.mean()
@@ -90,13 +90,13 @@ def find_sky_by_looks(
 
 
 def _gather_points(clip: Clip) -> Float32[ndarray, "n 3"]:
-    """The points of all sweeps that may be used, thinned."""
+    """Gather the points of all sweeps that may be used, thinned."""
     parts = [_thin_points(sweep.load().points) for sweep in clip.training_sweeps]
     return _thin_points(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
 
 
 def _thin_points(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
-    """The first point of each cell."""
+    """Keep the first point of each cell."""
     if not len(points):
         return points
     cells = np.floor(points / POINT_SIZE).astype(np.int64)

@@ -24,14 +24,14 @@ def spread_labels(
     open_to_things: Bool[ndarray, "h w"],
     things: range,
 ) -> Int32[ndarray, "h w"]:
-    """The labels with open pixels (-1) filled.
+    """Fill open pixels (-1) with the labels of others.
 
     Args:
         labels: seeds; -1 = open.
         image: the photo; one grey level of difference between neighbours costs as much as one pixel of path.
         limits: largest distance, by label, up to which it spreads.
         open_to_things: where labels in `things` may spread.
-        things: see there.
+        things: range of labels that are things.
     """
     smooth = ndimage.gaussian_filter(image.astype(np.float32), (0.7, 0.7, 0))
     filled = labels.copy()

@@ -1,4 +1,4 @@
-"""What every importer of masks checks: that they are of the photo, and not larger than any photo's."""
+"""Checks of every importer of masks: they must be of the photo, and not larger than any photo's."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 from instdrive_core.errors import DataError
 
 MAX_PIXELS = 1 << 26
-"""Of a mask; larger ones are not read."""
+"""Most pixels of a mask; larger ones are not read."""
 MAX_MASKS = 65535
-"""Of a photo: labels have 16 bits."""
+"""Most masks of a photo: labels have 16 bits."""
 REMEDY = "Make the masks again from this clip's photos; docs/masks.md tells what is read"
 
 
@@ -18,7 +18,7 @@ def check_size(file: Path, what: str, mask_size: tuple[int, int], photo_size: tu
 
     Args:
         file: to be named.
-        what: of the file holds the size, e.g. ``the field 'masks'``.
+        what: part of the file that holds the size, e.g. ``the field 'masks'``.
         mask_size: width, height.
         photo_size: width, height.
     """

@@ -17,7 +17,7 @@ from instdrive_core.masks.label_map_folder import read_label_map, resample_neare
 
 
 def read_imported_label_map(file: Path, width: int, height: int) -> UInt32[ndarray, "h w"]:
-    """The labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
+    """Read labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
     try:
         with BoundedReader(file) as stream, Image.open(stream) as image:  # reads the header only
             size = image.size

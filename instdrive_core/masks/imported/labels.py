@@ -23,7 +23,7 @@ READERS: dict[str, Callable[[Path, int, int], UInt32[ndarray, "h w"]]] = {
     ".npz": read_imported_npz,
     ".json": read_imported_rle,
 }
-"""What reads a file, by its name's ending."""
+"""Readers by the ending of a file's name."""
 MOSTLY = 0.5
 """Share of a mask from which on it counts as a mask of the sky, which is no instance."""
 
@@ -51,11 +51,11 @@ class ImportedLabels:
         self._last: tuple[str, UInt32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
+        """Load a number per mask at the frame's size; 0 = none, sky or ego vehicle."""
         return self._read(frame)[0]
 
     def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
+        """Load the sky at the frame's size."""
         return self._read(frame)[1]
 
     def _read(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:

@@ -24,12 +24,12 @@ from instdrive_core.masks.label_map_folder import resample_nearest
 ARRAYS = ("masks", "segmentations")
 """Names of the array, the first that is there."""
 MAX_BYTES = 1 << 34
-"""Of an unpacked array."""
+"""Most bytes of an unpacked array."""
 _REMEDY = "Save it with numpy.savez_compressed(FILE, masks=...), booleans of shape (masks, height, width)"
 
 
 def read_imported_npz(file: Path, width: int, height: int) -> UInt32[ndarray, "h w"]:
-    """The masks as labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
+    """Read masks as labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
     painting = Painting(height, width)
     try:
         with zipfile.ZipFile(require_plain_file(file)) as archive:

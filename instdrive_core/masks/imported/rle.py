@@ -27,7 +27,7 @@ would read on behind a string that ends so."""
 
 
 def read_imported_rle(file: Path, width: int, height: int) -> UInt32[ndarray, "h w"]:
-    """The masks as labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
+    """Read masks as labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
     content = read_json(file)
     where = ""
     if isinstance(content, dict):
@@ -64,7 +64,7 @@ def _decode(file: Path, name: str, segmentation: Any, photo_size: tuple[int, int
 
 
 def _prepare_run_lengths(file: Path, name: str, counts: Any, height: int, width: int) -> Any:
-    """What the decoder reads."""
+    """Prepare run lengths as the decoder reads them."""
     if isinstance(counts, str):
         if not _COUNTS.fullmatch(counts):
             raise DataError(file, f"the field '{name}' is {counts[:40]!r}, which is no text of run lengths", REMEDY)

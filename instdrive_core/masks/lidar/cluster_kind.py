@@ -1,16 +1,16 @@
-"""What a cluster of LiDAR points is: a thing, or part of a facade or of the vegetation, by its size and shape."""
+"""Kinds of clusters of LiDAR points by size and shape: things, parts of facades, vegetation."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt32
+from jaxtyping import Float32, Int32, Int64, UInt32
 from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.masks.lidar.point_shape import PointShape
 
 NONE, GROUND, FACADE, VEGETATION, THING = range(5)
-"""What a cluster can be, the wide ones before things."""
+"""Kinds of clusters, the wide ones before things."""
 
 MIN_POINTS = 8
 """Smaller clusters are nothing."""
@@ -40,7 +40,7 @@ def classify_clusters(
     shape: PointShape,
     above: Float32[ndarray, " n"],
 ) -> UInt32[ndarray, " c"]:
-    """`NONE`, `FACADE`, `VEGETATION` or `THING` of each cluster.
+    """Classify each cluster as `NONE`, `GROUND`, `FACADE`, `VEGETATION` or `THING`.
 
     Args:
         points: metres.
@@ -69,7 +69,7 @@ def classify_clusters(
 
 
 def _measure_length(
-    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], counts: Int32[ndarray, " c"]
+    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], counts: Int64[ndarray, " c"]
 ) -> Float32[ndarray, " c"]:
     """Longest extent along the ground, over a few directions."""
     numbers = np.arange(len(counts))

@@ -1,4 +1,4 @@
-"""How things move: the same cluster found again in the sweeps before and after."""
+"""Motion of things: one cluster found again in the sweeps before and after."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class MovingCluster:
 
 @dataclass(frozen=True)
 class Link:
-    """The same thing in two sweeps that follow each other."""
+    """One thing in two sweeps that follow each other."""
 
     first: int
     second: int
@@ -57,9 +57,9 @@ class Link:
 
 
 def link_clusters(
-    earlier: list[Float32[ndarray, "k 3"]], later: list[Float32[ndarray, "k 3"]], gap: float
+    earlier: list[Float32[ndarray, "_ 3"]], later: list[Float32[ndarray, "_ 3"]], gap: float
 ) -> list[Link]:
-    """Which clusters of two sweeps are the same thing, at most one of each; `gap` is in seconds."""
+    """Link clusters of two sweeps that are the same thing, at most one of each; `gap` is in seconds."""
     if not earlier or not later or gap > MAX_GAP:
         return []
     shift, growth = _compare_boxes(earlier, later)
@@ -77,10 +77,10 @@ def link_clusters(
 def find_again(
     moving: Float32[ndarray, "k 3"],
     velocity: Float64[ndarray, "3"],
-    others: list[Float32[ndarray, "k 3"]],
+    others: list[Float32[ndarray, "_ 3"]],
     gap: float,
 ) -> int | None:
-    """Which of another sweep's clusters a moving one is after `gap` seconds (negative: before); None = none."""
+    """Find the cluster of another sweep that a moving one is after `gap` seconds (negative: before); None = none."""
     if not others or abs(gap) > MAX_GAP or np.linalg.norm(velocity) < MIN_SPEED:
         return None
     shift, growth = _compare_boxes([moving], others)
@@ -93,7 +93,7 @@ def find_again(
 def align_clusters(
     first: Float32[ndarray, "a 3"], second: Float32[ndarray, "b 3"], shift: Float64[ndarray, "3"]
 ) -> Float64[ndarray, "3"]:
-    """A displacement along the ground that brings one cluster onto the other, refined from a first guess."""
+    """Refine a first guess of the displacement along the ground that brings one cluster onto the other."""
     tree = KDTree(second)
     sample = first[:: max(1, len(first) // ALIGNED_POINTS)].astype(float)
     shift = np.array([shift[0], shift[1], 0.0])
@@ -108,8 +108,8 @@ def align_clusters(
 
 
 def complete_clusters(by_time: dict[float, list[MovingCluster]]) -> dict[float, list[MovingCluster]]:
-    """The clusters with their mean velocity from the sweep before and to the one after (0 where neither shows them),
-    and with the points that the sweeps around saw of them."""
+    """Complete clusters with their mean velocity from the sweep before and to the one after (0 where neither shows
+    them), and with the points that the sweeps around saw of them."""
     times = sorted(by_time)
     forward: list[dict[int, Link]] = []
     for earlier, later in pairwise(times):
@@ -140,8 +140,8 @@ def _gather_neighbouring_points(
     backward: list[dict[int, Link]],
     step: int,
     position: int,
-) -> list[Float32[ndarray, "k 3"]]:
-    """Points of the same thing in the next sweeps in both directions, brought to where it is in this one."""
+) -> list[Float32[ndarray, "_ 3"]]:
+    """Gather points of the same thing in the next sweeps in both directions, brought to where it is in this one."""
     parts = []
     for direction in (1, -1):
         at, here, shift = step, position, np.zeros(3)
@@ -158,14 +158,14 @@ def _gather_neighbouring_points(
     return parts
 
 
-def _list_points(clusters: list[MovingCluster]) -> list[Float32[ndarray, "k 3"]]:
+def _list_points(clusters: list[MovingCluster]) -> list[Float32[ndarray, "_ 3"]]:
     return [one.points for one in clusters]
 
 
 def _compare_boxes(
-    earlier: list[Float32[ndarray, "k 3"]], later: list[Float32[ndarray, "k 3"]]
+    earlier: list[Float32[ndarray, "_ 3"]], later: list[Float32[ndarray, "_ 3"]]
 ) -> tuple[Float64[ndarray, "a b 3"], Float64[ndarray, "a b 3"]]:
-    """How the middle and the size of the boxes around each pair of clusters differ."""
+    """Compute how middle and size of the boxes around each pair of clusters differ."""
     lows, highs = (np.array([how(part, axis=0) for part in earlier], float) for how in (np.min, np.max))
     others_low, others_high = (np.array([how(part, axis=0) for part in later], float) for how in (np.min, np.max))
     shift = (others_low + others_high)[None] / 2 - (lows + highs)[:, None] / 2

@@ -14,7 +14,7 @@ VEHICLE_LENGTH, VEHICLE_WIDTH, VEHICLE_TOP = 5.6, 2.3, 2.6
 GAP = 0.6
 """Metres along the ground between parts of one vehicle."""
 STANDING_HEIGHT, STANDING_LENGTH = 1.2, 1.0
-"""What reaches at least so high on no more than so long a ground, is a person or a post by itself."""
+"""Metres: a part at least so high and at most so long is a person or a post by itself."""
 INSIDE = 0.7
 """Share of a cluster's points above the footprint of another from which on they are one object."""
 SURROUNDED = 0.3
@@ -26,7 +26,7 @@ SPLINTER = 1.2
 def join_vehicle_parts(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], above: Float32[ndarray, " n"]
 ) -> Int32[ndarray, " n"]:
-    """The clusters renumbered from 0, with parts joined that together fit one vehicle.
+    """Join parts that together fit one vehicle; clusters are renumbered from 0.
 
     Args:
         points: metres.
@@ -65,7 +65,7 @@ def join_vehicle_parts(
 def join_splinters(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], reach: Float32[ndarray, " n"]
 ) -> Int32[ndarray, " n"]:
-    """The clusters renumbered from 0, with small ones joined to the larger neighbour that surrounds them most."""
+    """Join small clusters to the larger neighbour that surrounds them most; clusters are renumbered from 0."""
     if len(points) < 2:
         return clusters
     count = int(clusters.max()) + 1

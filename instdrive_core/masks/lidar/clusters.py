@@ -1,4 +1,4 @@
-"""Points that hang together: Euclidean clustering whose reach grows with the distance from the sensor."""
+"""Euclidean clustering of points, whose reach grows with the distance from the sensor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SMALL = 12
 def cluster_points(
     points: Float32[ndarray, "n 3"], reach: Float32[ndarray, " n"], groups: Int64[ndarray, " n"] | None = None
 ) -> Int32[ndarray, " n"]:
-    """The cluster of each point, numbered from 0: a point hangs together with those of its nearest neighbours that lie
+    """Number the cluster of each point from 0: a point hangs together with those of its nearest neighbours that lie
     within the smaller one of their reaches. Only few neighbours are looked at: dense surfaces keep narrower gaps.
 
     Args:
@@ -40,7 +40,7 @@ def cluster_points(
 
 
 def thin_rows(points: Float32[ndarray, "n 3"], cell: float) -> Int64[ndarray, " m"]:
-    """Rows of one point per cubic cell of `cell` metres, in order."""
+    """Choose rows of one point per cubic cell of `cell` metres, in order."""
     if not len(points):
         return np.zeros(0, np.int64)
     cells = np.floor(points / cell).astype(np.int64)
@@ -53,7 +53,7 @@ def thin_rows(points: Float32[ndarray, "n 3"], cell: float) -> Int64[ndarray, " 
 def absorb_small_clusters(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], reach: Float32[ndarray, " n"]
 ) -> Int32[ndarray, " n"]:
-    """The clusters renumbered, small ones joined to the larger one nearest to them within twice their reach."""
+    """Renumber clusters with small ones joined to the larger one nearest to them within twice their reach."""
     if not len(points):
         return clusters
     small = np.bincount(clusters)[clusters] < SMALL

@@ -41,14 +41,14 @@ class GroundSurface:
     """z of the ground in each cell, known or guessed from its neighbours."""
 
     def compute_heights_above(self, points: Float32[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
-        """Metres by which points lie above the ground, bilinear; outside of the grid as at its rim."""
+        """Compute metres by which points lie above the ground, bilinear; outside of the grid as at its rim."""
         places = ((points[:, :2] - self.corner) / CELL).T
         heights = ndimage.map_coordinates(self.heights, places, order=1, mode="nearest")
         return (points[:, 2] - heights).astype(np.float32)
 
 
 def find_ground(points: Float32[ndarray, "n 3"]) -> GroundSurface:
-    """The ground under points in a world whose z axis points up. Raises ValueError where there are no points."""
+    """Find the ground under points in a world whose z axis points up. Raises ValueError where there are no points."""
     if not len(points):
         raise ValueError("no points to find the ground under")
     corner = np.floor(points[:, :2].min(axis=0).astype(float) / CELL) * CELL
@@ -67,7 +67,7 @@ def is_ground(above: Float32[ndarray, " n"], distance: Float32[ndarray, " n"]) -
 
 
 def _find_lowest(cells: Int64[ndarray, " n"], z: Float32[ndarray, " n"], count: int) -> Float64[ndarray, " c"]:
-    """A low height of each cell that a few points below do not disturb; NaN where no point lies."""
+    """Find a low height of each cell that a few points below do not disturb; NaN where no point lies."""
     order = np.lexsort((z, cells))
     ordered = cells[order]
     starts = np.flatnonzero(np.diff(ordered, prepend=-1))
@@ -78,7 +78,7 @@ def _find_lowest(cells: Int64[ndarray, " n"], z: Float32[ndarray, " n"], count: 
 
 
 def _find_low_surroundings(lowest: Float64[ndarray, "x y"]) -> Float64[ndarray, "x y"]:
-    """What is low in the wider surroundings of each cell."""
+    """Find what is low in the wider surroundings of each cell."""
     padding = [(0, -size % PIT_BLOCK) for size in lowest.shape]
     padded = np.pad(lowest, padding, constant_values=np.nan)
     rows, columns = (size // PIT_BLOCK for size in padded.shape)
@@ -92,13 +92,13 @@ def _find_low_surroundings(lowest: Float64[ndarray, "x y"]) -> Float64[ndarray, 
 
 
 def _fill_from_nearest(heights: Float64[ndarray, "x y"]) -> Float64[ndarray, "x y"]:
-    """The heights, unknown ones as the nearest known."""
+    """Fill unknown heights with the nearest known."""
     nearest = ndimage.distance_transform_edt(~np.isfinite(heights), return_distances=False, return_indices=True)
     return heights[tuple(np.asarray(nearest))]
 
 
 def _select_ground_cells(lowest: Float64[ndarray, "x y"]) -> Bool[ndarray, "x y"]:
-    """Cells whose lowest points are ground."""
+    """Select cells whose lowest points are ground."""
     known = np.isfinite(lowest)
     surface = _fill_from_nearest(lowest)
     ground = known.copy()
@@ -111,7 +111,7 @@ def _select_ground_cells(lowest: Float64[ndarray, "x y"]) -> Bool[ndarray, "x y"
 
 
 def _smooth(heights: Float64[ndarray, "x y"], sigma: float) -> Float64[ndarray, "x y"]:
-    """A Gaussian mean of the known heights; far from any, that of the nearest."""
+    """Smooth the known heights by a Gaussian mean; far from any, that of the nearest."""
     known = np.isfinite(heights)
     weights = ndimage.gaussian_filter(known.astype(float), sigma)
     sums = ndimage.gaussian_filter(np.where(known, heights, 0), sigma)

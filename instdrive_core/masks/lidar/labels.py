@@ -57,7 +57,7 @@ class LidarLabels:
         self._last: tuple[str, Int32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
+        """Load a number per mask at the frame's size; 0 = none, sky or ego vehicle."""
         labels, sky = self._load_labels(frame)
         kept = (labels != OPEN) & ~sky
         if frame.valid is not None:
@@ -66,7 +66,7 @@ class LidarLabels:
         return np.where(np.bincount(found.ravel())[found] < MIN_PIXELS, 0, found).astype(np.uint32)
 
     def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
+        """Load the sky at the frame's size."""
         return self._load_labels(frame)[1]
 
     def _load_labels(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
@@ -99,13 +99,13 @@ class LidarLabels:
         draw_things(self._things | self._scene.place_moving(time), camera, labels, depths)
         return np.where(np.isfinite(depths) & (labels > 0), labels.astype(np.int32), OPEN), depths
 
-    def _compute_limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l"]:
+    def _compute_limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l+1"]:
         kinds = np.append(self._scene.kinds, THING)[np.minimum(originals, len(self._scene.kinds))]
         shares = [REACHES.get(kind, REACH) for kind in kinds.tolist()] + [SKY_REACH]
         return np.array(shares, np.float32) * np.float32(width)
 
     def _learn_colors(self, clip: Clip) -> SkyColors:
-        """What sky and surfaces look like in a few steps of the clip."""
+        """Learn what sky and surfaces look like in a few steps of the clip."""
         colors = SkyColors()
         steps = sorted({frame.view.index for frame in clip.training_frames})
         chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()

@@ -1,4 +1,4 @@
-"""Which points of each sweep are of something that moved: seen by other sweeps, or found again where motion leads."""
+"""Moving points of each sweep: other sweeps looked through them, or motion leads to them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ClusteredSweep:
 
     time: float
     position: Float64[ndarray, "3"]
-    """Of the sensor."""
+    """Position of the sensor."""
     points: Float32[ndarray, "n 3"]
     clusters: Int32[ndarray, " n"]
     """Number by point, -1 = ground."""
@@ -37,7 +37,7 @@ class ClusteredSweep:
         return np.append(chosen, False)[self.clusters]  # ground, -1, takes the last
 
     def select_parts(self, chosen: Bool[ndarray, " c"]) -> tuple[list[int], list[Float32[ndarray, "k 3"]]]:
-        """Numbers and points of those chosen clusters that can be compared between sweeps."""
+        """Select numbers and points of those chosen clusters that can be compared between sweeps."""
         rows = np.flatnonzero(self.belong_to(chosen))
         order = rows[np.argsort(self.clusters[rows], kind="stable")]
         cuts = np.flatnonzero(np.diff(self.clusters[order])) + 1
@@ -47,7 +47,7 @@ class ClusteredSweep:
 
 
 def find_moving_clusters(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c"]]:
-    """By sweep in order of time, whether each of its clusters moves."""
+    """Find out, by sweep in order of time, whether each of its clusters moves."""
     moved = _find_seen_through(sweeps)
     steps = range(len(sweeps) - 1)
     for order in ([(step, step + 1) for step in steps], [(step + 1, step) for step in reversed(steps)]):
@@ -59,7 +59,7 @@ def find_moving_clusters(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c
 
 
 def _find_seen_through(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c"]]:
-    """Clusters through whose place other sweeps looked."""
+    """Find clusters through whose place other sweeps looked."""
     images = [build_range_image(one.points, one.position) for one in sweeps]
     witnesses = max(1, min(WITNESSES, len(sweeps) - 1))
     moved = []
@@ -76,9 +76,9 @@ def _find_seen_through(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c"]
 
 
 def _estimate_velocities(
-    sweeps: list[ClusteredSweep], moved: list[Bool[ndarray, " c"]], step: int
+    sweeps: list[ClusteredSweep], moved: list[Bool[ndarray, " _"]], step: int
 ) -> dict[int, Float64[ndarray, "3"]]:
-    """Metres per second of a sweep's moving clusters that its neighbours show as well."""
+    """Estimate metres per second of a sweep's moving clusters that its neighbours show as well."""
     numbers, parts = sweeps[step].select_parts(moved[step])
     found: dict[int, Float64[ndarray, "3"]] = {}
     if step + 1 < len(sweeps):
@@ -97,7 +97,7 @@ def _follow_moving(
     moved: Bool[ndarray, " c"],
     velocities: dict[int, Float64[ndarray, "3"]],
     other: ClusteredSweep,
-    moved_there: Bool[ndarray, " c"],
+    moved_there: Bool[ndarray, " d"],
 ) -> None:
     """Mark, in place, another sweep's clusters that are where a moving one of `known` must be."""
     numbers, parts = known.select_parts(moved)

@@ -1,4 +1,4 @@
-"""How points lie around each point of a cloud: on a surface or scattered, and which way the surface faces."""
+"""Shape around each point of a cloud: a surface or scattered points, and which way the surface faces."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class PointShape:
 
 
 def compute_point_shape(points: Float32[ndarray, "n 3"]) -> PointShape:
-    """The shape around each point, from its nearest neighbours."""
+    """Compute the shape around each point from its nearest neighbours."""
     if len(points) < NEIGHBOURS:
         return PointShape(np.zeros(len(points), np.float32), np.zeros(len(points), np.float32))
     _, neighbours = KDTree(points).query(points, NEIGHBOURS)

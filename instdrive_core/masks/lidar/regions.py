@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int, Int32, UInt8, UInt32
+from jaxtyping import Bool, Float32, Int32, Integer, UInt8, UInt32
 from numpy import ndarray
 from scipy import ndimage
 from skimage.measure import label
@@ -71,7 +71,7 @@ def draw_things(
 def _draw_silhouette(
     points: Float32[ndarray, "k 3"], camera: Camera
 ) -> tuple[tuple[slice, slice], Bool[ndarray, "a b"], Float32[ndarray, "a b"]] | None:
-    """Where a thing is drawn: a part of the image, the pixels in it, and their depths."""
+    """Draw a thing: the part of the image, the pixels in it, and their depths."""
     pixels, depth = camera.project(points)
     pixels = pixels[depth > NEAR]
     size = np.array([camera.width, camera.height])
@@ -101,13 +101,13 @@ def vote_by_superpixel(
     open_to_things: Bool[ndarray, "h w"],
     things: range,
 ) -> Int32[ndarray, "h w"]:
-    """The labels with `OPEN` pixels given the label that prevails in their superpixel, if one does.
+    """Give `OPEN` pixels the label that prevails in their superpixel, if one does.
 
     Args:
         labels: seeds; `OPEN` where nothing is known.
         image: the photo.
         open_to_things: where labels in `things` may be given.
-        things: see there.
+        things: range of labels that are things.
     """
     height, width = labels.shape
     count = round(height * width / SUPERPIXEL**2)
@@ -131,7 +131,7 @@ def vote_by_superpixel(
 def fill_label_holes(
     labels: Int32[ndarray, "h w"], depths: Float32[ndarray, "h w"], floor: int, things: range
 ) -> Int32[ndarray, "h w"]:
-    """The labels with small parts that lie within one other label, and not in front of it, given to that one: what
+    """Give small parts that lie within one other label, and not in front of it, to that label: what
     LiDAR saw through a window, and pixels left open. Things on the floor are no holes in it.
 
     Args:
@@ -164,12 +164,12 @@ def fill_label_holes(
 
 
 def _find_median(depths: Float32[ndarray, " n"]) -> float:
-    """The median of the known depths; NaN where none is."""
+    """Find the median of the known depths; NaN where none is."""
     known = depths[np.isfinite(depths)]
     return float(np.median(known)) if len(known) else float("nan")
 
 
-def _find_touching_parts(parts: Int[ndarray, "h w"]) -> Int[ndarray, "p 2"]:
-    """Pairs of different parts in pixels side by side in a row."""
+def _find_touching_parts(parts: Integer[ndarray, "h w"]) -> Integer[ndarray, "p 2"]:
+    """Find pairs of different parts in pixels side by side in a row."""
     different = parts[:, 1:] != parts[:, :-1]
     return np.column_stack([parts[:, :-1][different], parts[:, 1:][different]])

@@ -1,4 +1,4 @@
-"""What stands in a drive and what moves through it, from bare LiDAR points: ground, clusters, their motion.
+"""Standing and moving things of a drive from bare LiDAR points: ground, clusters, their motion.
 
 Sweeps are first freed of what moved, so that all of them together can be clustered as one dense cloud; what moved is
 clustered in each sweep by itself and carried to other times by the motion found between sweeps.
@@ -29,7 +29,7 @@ VOXEL = 0.1
 REACH, REACH_PER_METRE, MAX_REACH = 0.3, 0.01, 0.9
 """Metres within which static points hang together: right at the sensor, per metre of distance, at most."""
 SWEEP_REACH = 0.4
-"""The same right at the sensor, for points of a single sweep."""
+"""Metres within which points of a single sweep hang together, right at the sensor."""
 MIRRORED = 0.3
 """Metres below the ground from which on points are mirror images."""
 MIN_WIDE_POINTS = 300
@@ -46,12 +46,12 @@ class LidarScene:
     """Points with IDs: 1 for the ground, then one for each facade, plant and thing."""
 
     points: Float32[ndarray, "n 3"]
-    """What stands still, in the world."""
+    """Points of what stands still, in the world."""
     ids: UInt32[ndarray, " n"]
     kinds: UInt32[ndarray, " i"]
     """`GROUND`, `FACADE`, `VEGETATION` or `THING` by ID of what stands still, ascending; the first ID is nothing."""
     moving: dict[float, list[MovingCluster]]
-    """What moves, by time of the sweep that saw it."""
+    """Moving clusters by time of the sweep that saw them."""
 
     @property
     def first_thing(self) -> int:
@@ -59,7 +59,7 @@ class LidarScene:
         return int(np.searchsorted(self.kinds, THING))
 
     def group_things(self) -> dict[int, Float32[ndarray, "k 3"]]:
-        """Points of each thing that stands still."""
+        """Group the points of each thing that stands still."""
         order = np.argsort(self.ids, kind="stable")
         order = order[np.searchsorted(self.ids[order], self.first_thing) :]
         starts = np.flatnonzero(np.diff(self.ids[order].astype(np.int64), prepend=0))
@@ -67,7 +67,7 @@ class LidarScene:
         return {int(self.ids[rows[0]]): self.points[rows] for rows in parts if len(rows)}
 
     def place_moving(self, time: float) -> dict[int, Float32[ndarray, "k 3"]]:
-        """Points of each moving thing, carried to `time` from the nearest sweep."""
+        """Place the points of each moving thing: carried to `time` from the nearest sweep."""
         if not self.moving:
             return {}
         sweep_time = min(self.moving, key=lambda known: (abs(known - time), known))
@@ -86,7 +86,7 @@ class _Standing:
     position: Float64[ndarray, "3"]
 
     def above_ground(self, ground: GroundSurface) -> _Standing:
-        """Without what lies below the ground: mirror images."""
+        """Drop what lies below the ground: mirror images."""
         kept = ground.compute_heights_above(self.points) > -MIRRORED
         return replace(self, points=self.points[kept], sensor=self.sensor[kept], distance=self.distance[kept])
 
@@ -128,7 +128,7 @@ def _select_near_points(clip: Clip, sweep: Sweep) -> _Standing:
 
 
 def estimate_sensor_position(clip: Clip, time: float) -> Float64[ndarray, "3"]:
-    """Where the LiDAR is, roughly: amid the cameras at the nearest time."""
+    """Estimate the place of the LiDAR: amid the cameras at the nearest time."""
     views = [frame.view for frame in clip.frames]
     nearest = min((view.time for view in views), key=lambda other: abs(other - time))
     return np.mean([view.camera.position for view in views if view.time == nearest], axis=0)
@@ -146,7 +146,7 @@ def _cluster_sweep(one: _Standing, flat: Bool[ndarray, " n"], ground: GroundSurf
 def _gather_moving(
     sweeps: list[_Standing], clustered: list[ClusteredSweep], moved: list[Bool[ndarray, " c"]], first: int
 ) -> dict[float, list[MovingCluster]]:
-    """What moves, by sweep; the second LiDAR meets moving objects at another time, its points are left out."""
+    """Gather what moves, by sweep. The second LiDAR meets moving objects at another time: its points are left out."""
     by_time: dict[float, list[MovingCluster]] = {}
     for one, hanging, moves in zip(sweeps, clustered, moved, strict=True):
         found = by_time[one.sweep.time] = []
@@ -162,7 +162,7 @@ def _gather_moving(
 def _gather_static(
     points: Float32[ndarray, "n 3"], sensors: Float64[ndarray, "s 3"], ground: GroundSurface
 ) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"], UInt32[ndarray, " i"]]:
-    """What stands still, thinned, its IDs, and the kind of each ID."""
+    """Gather what stands still, thinned, with its IDs and the kind of each ID."""
     points = points[thin_rows(points, VOXEL)]
     shape = compute_point_shape(points)
     distance = KDTree(sensors[:, :2]).query(points[:, :2])[0]
@@ -183,7 +183,7 @@ def _gather_static(
 def _merge_scraps(
     kinds: UInt32[ndarray, " c"], clusters: Int32[ndarray, " n"]
 ) -> tuple[UInt32[ndarray, " c"], Int32[ndarray, " n"]]:
-    """Kinds and clusters with all small clusters of facades in one, and all small ones of plants."""
+    """Merge scraps: kinds and clusters with all small clusters of facades in one, and all small ones of plants."""
     small = np.bincount(clusters, minlength=len(kinds)) < MIN_WIDE_POINTS
     joined = np.arange(len(kinds), dtype=np.int32)
     for kind in (FACADE, VEGETATION):
@@ -195,7 +195,7 @@ def _merge_scraps(
 def _number_points(
     kinds: UInt32[ndarray, " c"], clusters: Int32[ndarray, " n"]
 ) -> tuple[UInt32[ndarray, " n"], UInt32[ndarray, " i"]]:
-    """IDs of points, wide clusters before things, and the kind of each ID."""
+    """Number points, wide clusters before things, with the kind of each ID."""
     order = np.argsort(kinds, kind="stable")
     order = order[
         (kinds[order] != NONE) & (kinds[order] != GROUND) & (np.bincount(clusters, minlength=len(kinds))[order] > 0)

@@ -1,4 +1,4 @@
-"""Which LiDAR points are of something that moved: other sweeps looked through the place where they lie."""
+"""Moved points of LiDAR: other sweeps looked through the place where they lie."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ MARGIN, MARGIN_SHARE = 0.6, 0.03
 
 @dataclass(frozen=True)
 class RangeImage:
-    """What one sweep met in each direction."""
+    """Distances that one sweep met in each direction."""
 
     position: Float64[ndarray, "3"]
-    """Of the sensor, roughly."""
+    """Position of the sensor, roughly."""
     nearest: Float32[ndarray, "elevations azimuths"]
     """Distance of the nearest point in a pixel and its neighbours; infinity where there is none."""
     measured: Bool[ndarray, "elevations azimuths"]
@@ -30,7 +30,7 @@ class RangeImage:
 
 
 def build_range_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]) -> RangeImage:
-    """The range image of a sweep taken from `position`."""
+    """Build the range image of a sweep taken from `position`."""
     rows, columns, distances = _compute_directions(points, position)
     shape = round((HIGHEST - LOWEST) / BIN), round(360 / BIN)
     nearest = np.full(shape, np.inf, np.float32)
@@ -51,7 +51,7 @@ def is_seen_through(points: Float32[ndarray, "n 3"], image: RangeImage) -> Bool[
 def _compute_directions(
     points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]
 ) -> tuple[Int64[ndarray, " n"], Int64[ndarray, " n"], Float32[ndarray, " n"]]:
-    """Row and column of a range image, and the distance, of each point."""
+    """Compute row and column in a range image, and the distance, of each point."""
     offsets = points - position.astype(np.float32)
     distances = np.linalg.norm(offsets, axis=1)
     elevations = np.degrees(np.arcsin(np.clip(offsets[:, 2] / np.maximum(distances, 1e-6), -1, 1)))

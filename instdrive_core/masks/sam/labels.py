@@ -38,11 +38,11 @@ class SamLabels:
         self._last: tuple[str, UInt32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
+        """Load a number per mask at the frame's size; 0 = none, sky or ego vehicle."""
         return self._load_both(frame)[0]
 
     def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
+        """Load the sky at the frame's size."""
         return self._load_both(frame)[1]
 
     def _load_both(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
@@ -80,7 +80,7 @@ def _open_proposer(options: SamOptions) -> Proposer:
 
 
 def _choose_device(asked: Literal["auto", "cpu", "cuda"]) -> str:
-    """Raises OptionError where the GPU asked for cannot be used."""
+    """Choose the device. Raises OptionError where the GPU asked for cannot be used."""
     import torch
 
     if asked == "cuda" and not torch.cuda.is_available():

@@ -1,4 +1,4 @@
-"""What a user may choose about masks by Segment Anything."""
+"""Options of Segment Anything, apart from what needs its packages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SUGGESTED = "facebook/sam2.1-hiera-small"
 
 @dataclass(frozen=True)
 class SamOptions:
-    """How Segment Anything makes masks."""
+    """Options of masks by Segment Anything."""
 
     model: str = SUGGESTED
     """Weights: a name on the Hugging Face hub, or a local folder with config.json and *.safetensors."""
@@ -26,7 +26,7 @@ class SamOptions:
     stability: float = 0.92
     """Masks with a border less sharp than this are dropped (1 = sharpest)."""
     overlap: float = 0.7
-    """Of masks whose boxes have a larger IoU than this, one is kept."""
+    """One of several masks is kept where their boxes have a larger IoU than this."""
     min_area: float = 0.0002
     """Share of the photo below which masks, their holes and their islands are dropped."""
     whole_objects: bool = True

@@ -30,7 +30,7 @@ SAMPLES_AT_ONCE = 1 << 24
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What a mask must reach."""
+    """Values that a mask must reach."""
 
     predicted_iou: float
     stability: float
@@ -57,13 +57,13 @@ class Proposer:
     def propose(
         self, image: UInt8[ndarray, "h w 3"], points: Float64[ndarray, "p 2"], min_pixels: int, prefer_large: bool
     ) -> Regions:
-        """The masks found at the points, without duplicates, best first.
+        """Find masks at the points, without duplicates, best first.
 
         Args:
             image: the photo.
             points: column and row, in pixels.
             min_pixels: what is smaller is left out.
-            prefer_large: as of `select_distinct`.
+            prefer_large: among masks of one extent that score alike, keep the largest.
         """
         height, width = image.shape[:2]
         content = compute_content_size(self._photo, height, width)
@@ -133,14 +133,14 @@ class _Found:
 
 
 def build_grid(width: int, height: int, per_side: int) -> Float64[ndarray, "p 2"]:
-    """Columns and rows, in pixels, of per_side × per_side points in the middle of equal cells, row by row."""
+    """Build columns and rows, in pixels, of per_side × per_side points in the middle of equal cells, row by row."""
     shares = (np.arange(per_side) + 0.5) / per_side
     columns, rows = np.meshgrid(shares * width, shares * height)
     return np.stack([columns.ravel(), rows.ravel()], axis=1)
 
 
 def compute_content_size(photo: PhotoFormat, height: int, width: int) -> tuple[int, int]:
-    """Height and width that a photo gets in the square the model looks at."""
+    """Compute height and width that a photo gets in the square the model looks at."""
     if not photo.keeps_shape:
         return photo.size, photo.size
     scale = photo.size / max(height, width)
@@ -148,7 +148,7 @@ def compute_content_size(photo: PhotoFormat, height: int, width: int) -> tuple[i
 
 
 def prepare_photo(image: UInt8[ndarray, "h w 3"], photo: PhotoFormat) -> Float32[ndarray, "3 s s"]:
-    """The photo as the model looks at it: resized, normalised, padded with zeros."""
+    """Prepare a photo as the model looks at it: resized, normalised, padded with zeros."""
     height, width = compute_content_size(photo, *image.shape[:2])
     resized = np.asarray(Image.fromarray(image).resize((width, height), Image.Resampling.BILINEAR), np.float32)
     normal = (resized / np.float32(255) - np.array(photo.mean, np.float32)) / np.array(photo.std, np.float32)
@@ -160,7 +160,8 @@ def prepare_photo(image: UInt8[ndarray, "h w 3"], photo: PhotoFormat) -> Float32
 def resize_logits(
     logits: Float[Tensor, "n a b"], content: tuple[float, float], height: int, width: int
 ) -> Float[Tensor, "n h w"]:
-    """Logits at the photo's pixel centres, bilinear; `content` = share of the square's height and width it takes."""
+    """Resize logits to the photo's pixel centres, bilinearly; `content` = share of the square's height and width it
+    takes."""
     rows = (torch.arange(height, device=logits.device) + 0.5) / height * (2 * content[0]) - 1
     columns = (torch.arange(width, device=logits.device) + 0.5) / width * (2 * content[1]) - 1
     places = torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1)
@@ -168,7 +169,7 @@ def resize_logits(
 
 
 def compute_stability(logits: Float[Tensor, "n h w"]) -> Float[Tensor, " n"]:
-    """IoU of each mask with a high and with a low threshold: 1 = a sharp border. 0 for empty masks."""
+    """Compute the IoU of each mask with a high and with a low threshold: 1 = a sharp border. 0 for empty masks."""
     inner = (logits > STABILITY_OFFSET).sum(dim=(1, 2))
     outer = (logits > -STABILITY_OFFSET).sum(dim=(1, 2))
     return inner / outer.clamp(min=1)

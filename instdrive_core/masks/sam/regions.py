@@ -1,4 +1,4 @@
-"""From the many overlapping masks that a segmenter proposes to one label per pixel.
+"""Overlapping masks of a segmenter become one label per pixel.
 
 A segmenter asked at every point of a grid answers with wheels, doors and cars alike. Here duplicates go, parts join the
 whole that contains them, and what is left is painted, small over large.
@@ -33,13 +33,13 @@ class Regions:
 
     masks: Bool[ndarray, "n h w"]
     scores: Float32[ndarray, " n"]
-    """How good the segmenter believes each to be: the IoU it predicts."""
+    """Quality that the segmenter predicts for each: its IoU."""
 
     def __len__(self) -> int:
         return len(self.masks)
 
     def select(self, kept: ndarray) -> Regions:
-        """Those that an index array or a boolean array names."""
+        """Select those that an index array or a boolean array names."""
         return Regions(self.masks[kept], self.scores[kept])
 
 
@@ -50,7 +50,7 @@ def select_distinct(
     overlap: float,
     prefer_large: bool,
 ) -> Int64[ndarray, " m"]:
-    """Positions of masks to keep, best score first: non-maximum suppression on boxes.
+    """Select positions of masks to keep, best score first: non-maximum suppression on boxes.
 
     Args:
         boxes: left, top, right, bottom of each mask in pixels, right and bottom exclusive.
@@ -82,7 +82,7 @@ def _compute_box_iou(box: Float32[ndarray, "4"], others: Float32[ndarray, "n 4"]
 
 
 def clean_regions(regions: Regions, allowed: Bool[ndarray, "h w"], min_pixels: int) -> Regions:
-    """The masks within the pixels allowed, without holes and islands below `min_pixels`.
+    """Cut masks to the pixels allowed, without holes and islands below `min_pixels`.
 
     What lies for the most part where nothing is allowed, or becomes too small, is left out.
     """
@@ -109,7 +109,7 @@ def _drop_specks(mask: Bool[ndarray, "h w"], min_pixels: int) -> Bool[ndarray, "
 
 
 def merge_parts(regions: Regions, containment: float) -> Regions:
-    """Masks of whole objects: each mask joins the largest whole that contains `containment` of it.
+    """Merge parts into whole objects: each mask joins the largest whole that contains `containment` of it.
 
     Not every larger mask is a whole. One is none if it covers half of the photo, if the segmenter itself trusts it less
     than the part, or if it is a group: wholly covered by several masks, none of them its main part, which score higher.
@@ -135,7 +135,7 @@ def merge_parts(regions: Regions, containment: float) -> Regions:
 
 
 def _count_shared_pixels(masks: Bool[ndarray, "n h w"]) -> Float64[ndarray, "n n"]:
-    """Pixels that each two masks have in common."""
+    """Count the pixels that each two masks have in common."""
     flat = masks.reshape(len(masks), masks.shape[1] * masks.shape[2])
     shared = np.zeros((len(masks), len(masks)))
     for start in range(0, flat.shape[1], BLOCK):
@@ -145,7 +145,7 @@ def _count_shared_pixels(masks: Bool[ndarray, "n h w"]) -> Float64[ndarray, "n n
 
 
 def _find_groups(regions: Regions, areas: Int64[ndarray, " n"], inside: Bool[ndarray, "n n"]) -> Bool[ndarray, " n"]:
-    """Which masks are several objects in one; masks are sorted from small to large."""
+    """Find masks that are several objects in one; masks are sorted from small to large."""
     groups = np.zeros(len(areas), bool)
     for number in range(len(areas)):
         parts = np.flatnonzero(inside[:, number] & ~groups)
@@ -159,7 +159,7 @@ def _find_groups(regions: Regions, areas: Int64[ndarray, " n"], inside: Bool[nda
 
 
 def paint_regions(regions: Regions, min_pixels: int) -> UInt32[ndarray, "h w"]:
-    """Position of a mask + 1 in each pixel, small masks over large ones; 0 = none.
+    """Paint the position of a mask + 1 into each pixel, small masks over large ones; 0 = none.
 
     Pieces of which less than `min_pixels` stay visible go to nobody.
     """

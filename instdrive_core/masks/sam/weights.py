@@ -29,7 +29,7 @@ HOW_TO_GET = (
 
 @dataclass(frozen=True)
 class PhotoFormat:
-    """How a model wants its photos."""
+    """Form in which a model wants its photos."""
 
     size: int
     """Edge of the square it looks at, in pixels."""
@@ -37,11 +37,12 @@ class PhotoFormat:
     """Whether a photo keeps its proportions, padded at the right and the bottom, or is stretched to the square."""
     mean: tuple[float, ...]
     std: tuple[float, ...]
-    """Of the channels in [0, 1]; what is looked at is (photo − mean) / std."""
+    """Deviation of the channels in [0, 1]; what is looked at is (photo − mean) / std."""
 
 
 def find_weights(model: str, offline: bool) -> Path:
-    """The folder with the model's files: a local one, or the hub's copy on this machine, downloaded if it is not there.
+    """Find the folder with the model's files: a local one, or the hub's copy on this machine, downloaded if it is not
+    there.
 
     Args:
         model: a folder, or a name on the hub.
@@ -63,7 +64,7 @@ def find_weights(model: str, offline: bool) -> Path:
 
 
 def require_transformers() -> None:
-    """Raises OptionError where the transformers library is not installed."""
+    """Raise OptionError where the transformers library is not installed."""
     if find_spec("transformers") is None:
         raise OptionError(
             "Masks of Segment Anything need the transformers library, which is not installed. "
@@ -91,7 +92,7 @@ def _fetch_from_hub(name: str, offline: bool) -> Path:
 
 
 def list_families() -> str:
-    """The model types that the installed library generates masks with, for messages."""
+    """List the model types that the installed library generates masks with, for messages."""
     from transformers.models.auto.modeling_auto import MODEL_FOR_MASK_GENERATION_MAPPING_NAMES
 
     return ", ".join(sorted(MODEL_FOR_MASK_GENERATION_MAPPING_NAMES))
@@ -129,7 +130,7 @@ def load_model(folder: Path) -> tuple[Module, PhotoFormat]:
 
 
 def _read_photo_format(folder: Path, kind: str, size: int | list[int]) -> PhotoFormat:
-    """What the model's own files say about photos; where they say nothing, what its family is used to."""
+    """Read what the model's own files say about photos; where they say nothing, what its family is used to."""
     settings: dict[str, Any] = {}
     for name in ("preprocessor_config.json", "processor_config.json"):
         if (folder / name).is_file():
@@ -144,7 +145,7 @@ def _read_photo_format(folder: Path, kind: str, size: int | list[int]) -> PhotoF
 
 @contextmanager
 def _silence_progress_bars() -> Iterator[None]:
-    """No progress bars of the library's: the program has its own."""
+    """Silence the library's progress bars: the program has its own."""
     from transformers.utils import logging
 
     shown = logging.is_progress_bar_enabled()

@@ -62,8 +62,8 @@ def list_pixels(
     pixels = np.ascontiguousarray(pixels, np.int64)
     if len(pixels) and not 0 <= pixels.min() <= pixels.max() < camera.width * camera.height:
         raise ValueError(f"pixels {pixels.min()} … {pixels.max()} leave the {camera.width} × {camera.height} image")
-    arrays = (to_kernel_array(array) for array in (means, quats, log_scales, opacities))
-    projection = project(*arrays, camera, settings)
+    means, quats, log_scales, opacities = (to_kernel_array(array) for array in (means, quats, log_scales, opacities))
+    projection = project(means, quats, log_scales, opacities, camera, settings)
     tiles = bin_splats(projection, camera.width, camera.height)
     tile_of_pixel = pixels // camera.width // TILE * tiles.columns + pixels % camera.width // TILE
     order = np.argsort(tile_of_pixel, kind="stable")

@@ -155,10 +155,11 @@ def _draw_nothing(leaves: list[Tensor], camera: Camera) -> tuple[_Projected, tup
     """Draw no Gaussians: black, without starting a kernel. The sum over nothing keeps the graph whole."""
     channels, zero = leaves[-1], torch.stack([leaf.sum() for leaf in leaves]).sum()
     floats: Any = {"dtype": channels.dtype, "device": channels.device}
-    empty = (torch.zeros(1, 0, *shape, **floats) for shape in ((2,), (2,), (), (3,), ()))
+    radii = torch.zeros(1, 0, 2, dtype=torch.int32, device=channels.device)
+    empty = (torch.zeros(1, 0, *shape, **floats) for shape in ((2,), (), (3,), ()))
     image = torch.zeros(camera.height, camera.width, channels.shape[1], **floats)
     depth, alpha = (torch.zeros(camera.height, camera.width, **floats) for _ in range(2))
-    return _Projected(*empty), (image + zero, depth + zero, alpha + zero)
+    return _Projected(radii, *empty), (image + zero, depth + zero, alpha + zero)
 
 
 def _project(

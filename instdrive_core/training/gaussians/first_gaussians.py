@@ -64,7 +64,8 @@ def build_initial_scene(
         seed: of everything random.
         moving_actors: whether moving objects become actors of their own; else their points stay in the background.
 
-    A clip without LiDAR starts from the points that came with its cameras, else from random ones (`sparse_start`).
+    A clip without LiDAR starts from the points that came with its cameras, else from random ones: see
+    `points_without_lidar`.
 
     Raises DataError where the clip has no photo or LiDAR sweep of a training time step, no camera sees a LiDAR point,
     or a photo, mask or sweep is damaged.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int, Int64
+from jaxtyping import Float, Int64, Integer
 from numpy import ndarray
 from torch import Tensor
 
@@ -44,7 +44,7 @@ class CachedView:
 
 
 def cache_view(
-    model: SceneModel, view: TrainingView, number: int, pixels: Int[ndarray, " p"], min_alpha: float
+    model: SceneModel, view: TrainingView, number: int, pixels: Integer[ndarray, " p"], min_alpha: float
 ) -> CachedView:
     """Cache the blending weights of `pixels` (flat indices with a mask); those below `min_alpha` are dropped."""
     assert view.labels is not None
@@ -63,7 +63,7 @@ def cache_view(
 
 
 def compute_view_weights(
-    model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"]
+    model: SceneModel, view: TrainingView, pixels: Integer[ndarray, " p"]
 ) -> tuple[Int64[ndarray, " v"], BlendWeights]:
     """Compute the blending weights of pixels (flat indices), and the rows of the Gaussians that they count."""
     rows, placed_gaussians = place_gaussians_in_view(model, view)

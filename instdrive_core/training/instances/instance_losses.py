@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Integer
 from numpy import ndarray
 from torch import Tensor
 
@@ -26,7 +26,7 @@ class Segments:
         return len(self.sizes)
 
 
-def segments_from_labels(labels: Int[ndarray, " p"]) -> Segments:
+def segments_from_labels(labels: Integer[ndarray, " p"]) -> Segments:
     """Group pixels by their masks, renumbered from 0. Labels are > 0."""
     _, segment, sizes = np.unique(labels, return_inverse=True, return_counts=True)
     return Segments(torch.from_numpy(segment.astype(np.int64)), torch.from_numpy(sizes.astype(np.float32)))
@@ -55,7 +55,7 @@ def contrastive_loss(
     return pull, push
 
 
-def vote_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[ndarray, " m"]:
+def vote_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Integer[ndarray, " m"]:
     """Find the most frequent codeword inside each mask (ties: the smaller number)."""
     codes = quantize_features(features).astype(np.int64)
     keys = segments.segment.numpy() * (1 << 32) + codes
@@ -75,8 +75,8 @@ def pseudo_loss(features: Float[Tensor, "p d"], segments: Segments) -> Float[Ten
 
 
 def sample_stratified_pixels(
-    labels: Int[ndarray, "h w"], budget: int, rng: np.random.Generator, min_per_mask: int = 8
-) -> Int[ndarray, " p"]:
+    labels: Integer[ndarray, "h w"], budget: int, rng: np.random.Generator, min_per_mask: int = 8
+) -> Integer[ndarray, " p"]:
     """Sample about `budget` flat pixel indices, as many from every mask (label > 0), without repetition, sorted."""
     flat = labels.ravel()
     inside = np.flatnonzero(flat)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Float32, Integer
 from numpy import ndarray
 from scipy.sparse import csr_array
 
 from instdrive_core.training.instances.mask_weights import MaskWeights
 
 
-def sum_by_group(observed: MaskWeights, groups: Int[ndarray, " n"], count: int) -> MaskWeights:
+def sum_by_group(observed: MaskWeights, groups: Integer[ndarray, " n"], count: int) -> MaskWeights:
     """Sum the weights of `count` groups of rows; a group of -1 is none."""
     chosen = np.flatnonzero(groups >= 0)
     entries = (np.ones(len(chosen), np.float32), (groups[chosen], chosen))
@@ -20,7 +20,7 @@ def sum_by_group(observed: MaskWeights, groups: Int[ndarray, " n"], count: int) 
     return MaskWeights(summed, observed.view_of_mask, observed.layers)
 
 
-def compute_agreements(observed: MaskWeights, pairs: Int[ndarray, "e 2"]) -> Float32[ndarray, " e"]:
+def compute_agreements(observed: MaskWeights, pairs: Integer[ndarray, "e 2"]) -> Float32[ndarray, " e"]:
     """Compute how much the two rows of each pair are in the same masks: 0 to 1, or -1 where no photo shows both.
 
     In one photo it is Σ_m min(p_m, q_m), with p and q the shares of either's weight that lie in mask m. Photos are

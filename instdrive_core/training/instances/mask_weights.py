@@ -7,7 +7,7 @@ from math import sqrt
 
 import numba
 import numpy as np
-from jaxtyping import Float32, Int, Int32, Int64, UInt16
+from jaxtyping import Float32, Int32, Int64, Integer, UInt16
 from numpy import ndarray
 from scipy.sparse import csr_array
 
@@ -43,7 +43,7 @@ class MaskWeights:
     def __len__(self) -> int:
         return len(self.weights.indptr) - 1
 
-    def select_rows(self, rows: Int[ndarray, " v"]) -> MaskWeights:
+    def select_rows(self, rows: Integer[ndarray, " v"]) -> MaskWeights:
         """Select the given Gaussians."""
         unmasked = None if self.unmasked is None else self.unmasked[rows]
         return MaskWeights(self.weights[rows], self.view_of_mask, self.layers, unmasked)

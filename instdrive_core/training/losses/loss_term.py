@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Literal, Protocol, TypeVar, runtime_checkable
 
 from torch import Tensor
 
@@ -16,6 +16,7 @@ Need = Literal["photos", "LiDAR", "sky masks", "instance masks", "nothing"]
 """Data that a view must have for a term to be computed."""
 
 
+@runtime_checkable
 class Step(Protocol):
     """A training step, as far as every term needs it."""
 

@@ -39,12 +39,6 @@ class TrainingView:
         """All layers of instance masks; none where the run has no masks."""
         return () if self.labels is None else (self.labels, *self.overlaps)
 
-    def depth_map(self) -> Float32[ndarray, "h w"]:
-        """LiDAR depth per pixel, 0 = unknown."""
-        depth = np.zeros(self.image.shape[:2], np.float32)
-        depth.ravel()[self.depth_pixels] = self.depth_values
-        return depth
-
     def halve(self) -> TrainingView:
         """Copy the view at half the resolution, for the coarse part of training."""
         height, width = self.image.shape[0] // 2, self.image.shape[1] // 2
@@ -80,8 +74,8 @@ class TrainingView:
         )
 
 
-def _halve_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]:
-    """Average each block of 2×2 pixels, rounded half up."""
+def _halve_image(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h//2 w//2 3"]:
+    """Average each block of 2×2 pixels, rounded half up; height and width are even."""
     total = image[::2, ::2].astype(np.uint16)
     for corner in (image[::2, 1::2], image[1::2, ::2], image[1::2, 1::2]):
         total += corner

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from log_handlers import stop_logging
 
 from instdrive_app import main
 from instdrive_app.cli import desktop, edit
@@ -22,9 +23,7 @@ def shown(tmp_path, monkeypatch):
     yield texts
     for handler in logging.getLogger().handlers[:]:
         if handler not in handlers:
-            logging.getLogger().removeHandler(handler)
-            handler.close()
-    logging.captureWarnings(False)
+            stop_logging(handler)
 
 
 def test_the_first_path_is_opened_and_the_others_are_named(shown, monkeypatch, tmp_path):

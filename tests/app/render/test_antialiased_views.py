@@ -21,13 +21,13 @@ def marked(street):
     return street
 
 
-def snapshot_of(document):
+def take_snapshot(document):
     view = document.scene.views[0]
     return resolve(EditorState(viewpoint=camera.view_from_camera(view), time=view.time), *SIZE)
 
 
 def test_opengl_and_the_cpu_draw_the_same_and_less_than_unmarked(gl, marked):
-    snapshot = snapshot_of(marked)
+    snapshot = take_snapshot(marked)
     by_gl, by_cpu = GlRenderer(gl, marked), SoftwareRenderer(gl, marked)
     by_gl.render(snapshot)
     by_cpu.render(snapshot)
@@ -44,4 +44,4 @@ def test_opengl_and_the_cpu_draw_the_same_and_less_than_unmarked(gl, marked):
 
 
 def test_clicks_find_the_winner_of_the_frame(marked):
-    assert clicks_that_miss(marked, snapshot_of(marked), 150) == 0
+    assert clicks_that_miss(marked, take_snapshot(marked), 150) == 0

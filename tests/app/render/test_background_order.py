@@ -124,7 +124,7 @@ def renderer(gl, street):
     assert gl.error == "GL_NO_ERROR"
 
 
-def snapshot_of(document, index):
+def take_snapshot(document, index):
     view = document.scene.views[index]
     return resolve(EditorState(viewpoint=camera.view_from_camera(view), time=0.0), *SIZE)
 
@@ -135,7 +135,7 @@ def blend(renderer, snapshot, **options):
 
 
 def test_a_frame_never_waits_and_settles_on_the_exact_picture(street, renderer, gate):
-    first, second = snapshot_of(street, 0), snapshot_of(street, 1)
+    first, second = take_snapshot(street, 0), take_snapshot(street, 1)
     exact = blend(renderer, second)
     ahead = blend(renderer, first, wait=True)
     assert renderer.settled
@@ -161,7 +161,7 @@ def test_a_frame_never_waits_and_settles_on_the_exact_picture(street, renderer, 
 
 
 def test_a_large_scene_appears_over_some_frames_that_do_not_wait(street, renderer, monkeypatch):
-    snapshot = snapshot_of(street, 0)
+    snapshot = take_snapshot(street, 0)
     monkeypatch.setattr(gpu_scene, "UPLOADED_AT_ONCE", 5000)
     covered = []
     while not renderer.settled:
@@ -176,7 +176,7 @@ def test_a_large_scene_appears_over_some_frames_that_do_not_wait(street, rendere
 
 
 def test_an_order_older_than_an_undo_shows_no_row_that_is_gone(street, renderer, gate):
-    snapshot = snapshot_of(street, 0)
+    snapshot = take_snapshot(street, 0)
     before = blend(renderer, snapshot)
     street.apply(DuplicateInstances((FIRST_CAR,), (2.0, 2.0, 0.0)))
     assert (blend(renderer, snapshot) != before).any()
@@ -188,7 +188,7 @@ def test_an_order_older_than_an_undo_shows_no_row_that_is_gone(street, renderer,
 
 
 def test_exact_reads_wait_even_where_frames_do_not(gl, street, renderer, gate):
-    snapshot = snapshot_of(street, 0)
+    snapshot = take_snapshot(street, 0)
     renderer.render(snapshot, wait=False)
     street.apply(MoveInstances((FIRST_CAR,), (1.5, 0.0, 0.0)))
     gate.shut()

@@ -108,7 +108,7 @@ def test_depth_follows_the_drive(view, street):
     ids = view.renderer.read_instance_ids(view.snapshot)
     y, x = np.argwhere(ids == DRIVING_CAR).mean(axis=0).round().astype(int)
     assert ids[y, x] == DRIVING_CAR
-    pose, _ = street.scene.at(state.time)
+    pose, _ = street.scene.find_node_poses(state.time)
     center = view.snapshot.camera.camera_from_world @ pose[street.scene.nodes.max()][:, 3]
     assert view.measure_depth_at(x, y) == pytest.approx(center[2], abs=3.0)
 

@@ -35,12 +35,12 @@ BLUE_CAR = FIRST_CAR + 1
 FLOATER = 99
 
 
-def snapshot_of(document, index=0):
+def take_snapshot(document, index=0):
     view = document.scene.views[index]
     return resolve(EditorState(viewpoint=camera.view_from_camera(view), time=view.time), *SIZE)
 
 
-def pixel_of(document, point, index=0):
+def find_pixel(document, point, index=0):
     x, y = document.scene.views[index].camera.project(np.array([point], float))[0][0]
     return float(x), float(y)
 
@@ -68,11 +68,11 @@ def with_floater(opacity, size):
 
 @pytest.mark.parametrize("index", [0, 5])
 def test_clicks_find_the_winner_of_the_cpu_frame(street, index):
-    assert clicks_that_miss(street, snapshot_of(street, index), 250) == 0
+    assert clicks_that_miss(street, take_snapshot(street, index), 250) == 0
 
 
 def test_clicks_agree_with_the_gl_id_view_wherever_no_floater_is_in_front(gl, street):
-    snapshot, picker, renderer = snapshot_of(street), Picker(), GlRenderer(gl, street)
+    snapshot, picker, renderer = take_snapshot(street), Picker(), GlRenderer(gl, street)
     shown = renderer.read_instance_ids(snapshot)
     renderer.release()
     ids = np.append(street.scene.instance_ids, np.uint32(0))
@@ -93,8 +93,8 @@ def test_clicks_agree_with_the_gl_id_view_wherever_no_floater_is_in_front(gl, st
 
 def test_a_floater_before_a_car_does_not_win_yet_is_shown_by_the_id_view(gl):
     document, where = with_floater(opacity=0.42, size=0.12)
-    snapshot, renderer = snapshot_of(document), None
-    x, y = pixel_of(document, where)
+    snapshot, renderer = take_snapshot(document), None
+    x, y = find_pixel(document, where)
     renderer = GlRenderer(gl, document)
     assert renderer.read_instance_ids(snapshot)[int(y), int(x)] == FLOATER
     renderer.release()
@@ -103,12 +103,12 @@ def test_a_floater_before_a_car_does_not_win_yet_is_shown_by_the_id_view(gl):
 
 def test_a_solid_thing_before_a_car_wins_and_the_car_is_behind_it():
     document, where = with_floater(opacity=0.97, size=0.12)
-    below = Picker().find_instances_at(document, snapshot_of(document), *pixel_of(document, where))
+    below = Picker().find_instances_at(document, take_snapshot(document), *find_pixel(document, where))
     assert below[:2] == (FLOATER, BLUE_CAR)
 
 
 def test_hidden_and_deleted_splats_cannot_be_clicked(street):
-    place, picker, snapshot = pixel_of(street, (3.4, 5.8, 0.8)), Picker(), snapshot_of(street)
+    place, picker, snapshot = find_pixel(street, (3.4, 5.8, 0.8)), Picker(), take_snapshot(street)
     assert picker.find_instances_at(street, snapshot, *place)[0] == BLUE_CAR
     street.apply(HideInstances((BLUE_CAR,)))
     assert BLUE_CAR not in picker.find_instances_at(street, snapshot, *place)
@@ -119,7 +119,7 @@ def test_hidden_and_deleted_splats_cannot_be_clicked(street):
 
 
 def test_sky_and_places_outside_the_picture_hold_nothing(street):
-    picker, snapshot = Picker(), snapshot_of(street)
+    picker, snapshot = Picker(), take_snapshot(street)
     for place in ((240.0, 10.0), (-1.0, 5.0), (5.0, 270.0), (480.0, 100.0)):
         assert picker.find_instances_at(street, snapshot, *place) == ()
 
@@ -161,7 +161,7 @@ def test_clicks_follow_every_edit_as_if_asked_for_the_first_time_and_as_baked(st
 
 def test_two_pickers_and_a_view_follow_one_document(gl, street):
     renderer, first, second = GlRenderer(gl, street), Picker(), Picker()
-    snapshot, place = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
+    snapshot, place = take_snapshot(street), find_pixel(street, (3.4, 5.8, 0.8))
     for _ in range(2):
         assert first.find_instances_at(street, snapshot, *place)[0] == BLUE_CAR
         assert renderer.read_instance_ids(snapshot)[int(place[1]), int(place[0])] == BLUE_CAR
@@ -183,7 +183,7 @@ def tool(street):
 
 def test_clicking_again_takes_the_one_behind_and_comes_around(tool, street):
     tool, session = tool
-    snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
+    snapshot, (x, y) = take_snapshot(street), find_pixel(street, (3.4, 5.8, 0.8))
     below = Picker().find_instances_at(street, snapshot, x, y)
     assert below[0] == BLUE_CAR
     assert len(below) >= 2
@@ -192,12 +192,12 @@ def test_clicking_again_takes_the_one_behind_and_comes_around(tool, street):
         assert session.selection.ids == (below[turn % len(below)],)
     assert tool.click(Click(x - 20, y), snapshot) == BLUE_CAR, "elsewhere it begins anew"
     tool.click(Click(x, y), snapshot)
-    assert tool.click(Click(x, y), snapshot_of(street, 2)) == street_at(street, 2, x, y), "so does another viewpoint"
+    assert tool.click(Click(x, y), take_snapshot(street, 2)) == street_at(street, 2, x, y), "so does another viewpoint"
 
 
 def test_clicking_again_takes_what_a_solid_thing_hides(tool, street):
     tool, session = tool
-    snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
+    snapshot, (x, y) = take_snapshot(street), find_pixel(street, (3.4, 5.8, 0.8))
     street.scene.gaussians.opacity_logits[street.find_rows((BLUE_CAR,))] = 8.0  # nothing shines through
     street.scene.gaussians.log_scales[street.find_rows((BLUE_CAR,))] += 0.7
     below = Picker().find_below(street, snapshot, x, y)
@@ -216,14 +216,14 @@ def test_clicking_again_takes_what_a_solid_thing_hides(tool, street):
 
 
 def street_at(document, index, x, y):
-    return Picker().find_instances_at(document, snapshot_of(document, index), x, y)[0]
+    return Picker().find_instances_at(document, take_snapshot(document, index), x, y)[0]
 
 
 def test_modifiers(tool, street):
     tool, session = tool
-    snapshot = snapshot_of(street)
-    blue, red = pixel_of(street, (3.4, 5.8, 0.8)), pixel_of(street, (-2.1, 4.6, 0.8))
-    road = pixel_of(street, (0.0, 6.0, 0.0))
+    snapshot = take_snapshot(street)
+    blue, red = find_pixel(street, (3.4, 5.8, 0.8)), find_pixel(street, (-2.1, 4.6, 0.8))
+    road = find_pixel(street, (0.0, 6.0, 0.0))
     tool.click(Click(*blue), snapshot)
     tool.click(Click(*road, shift=True), snapshot)
     assert session.selection.ids == (ROAD, BLUE_CAR)
@@ -240,15 +240,15 @@ def test_modifiers(tool, street):
 def test_alt_selects_the_instance_where_the_scene_has_no_codewords(tool, street):
     tool, session = tool
     street.scene.code_bits = 0
-    tool.click(Click(*pixel_of(street, (3.4, 5.8, 0.8)), alt=True), snapshot_of(street))
+    tool.click(Click(*find_pixel(street, (3.4, 5.8, 0.8)), alt=True), take_snapshot(street))
     assert session.selection.ids == (BLUE_CAR,)
 
 
 def test_hovering_names_the_instance_without_selecting_it(tool, street):
     tool, session = tool
-    tool.hover(*pixel_of(street, (3.4, 5.8, 0.8)), snapshot_of(street))
+    tool.hover(*find_pixel(street, (3.4, 5.8, 0.8)), take_snapshot(street))
     assert (session.state.hovered, session.selection.ids) == (BLUE_CAR, ())
-    tool.hover(10.0, 40.0, snapshot_of(street))
+    tool.hover(10.0, 40.0, take_snapshot(street))
     assert session.state.hovered in (HOUSES, 30)
     tool.leave()
     assert session.state.hovered == 0
@@ -256,7 +256,7 @@ def test_hovering_names_the_instance_without_selecting_it(tool, street):
 
 def test_what_is_locked_is_clicked_through(tool, street):
     tool, session = tool
-    snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
+    snapshot, (x, y) = take_snapshot(street), find_pixel(street, (3.4, 5.8, 0.8))
     behind = Picker().find_instances_at(street, snapshot, x, y)[1]
     session.visibility.lock((BLUE_CAR,))
     tool.hover(x, y, snapshot)

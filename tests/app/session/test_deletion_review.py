@@ -76,7 +76,7 @@ def test_selected_splats_leave_what_was_missed(session):
     found = session.deletion.review.findings
     assert found.report.carriers[CAR] > 25
     session.deletion.review.absorb()
-    assert np.isin(document.state.rows_with(Flag.DELETED), found.report.residue).sum() == len(found.report.residue)
+    assert np.isin(document.state.find_rows(Flag.DELETED), found.report.residue).sum() == len(found.report.residue)
 
 
 def test_surfaces_are_deleted_without_a_word(session):

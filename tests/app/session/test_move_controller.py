@@ -50,7 +50,7 @@ def middle(session, instance=FIRST_CAR):
 
 
 def test_a_drag_is_one_step_told_from_where_it_began(session, street):
-    moving, steps, start = session.movement, street.history.cursor, session.movement.center()
+    moving, steps, start = session.movement, street.history.cursor, session.movement.find_center()
     means = street.compute_means(street.find_rows((FIRST_CAR,)))
     moving.begin_drag(np.eye(3))
     for part in np.linspace(0, 1, 200):
@@ -58,7 +58,7 @@ def test_a_drag_is_one_step_told_from_where_it_began(session, street):
     moving.end_drag()
     assert street.history.cursor == steps + 1
     arrived = start + np.array([3, 1, 0])
-    np.testing.assert_allclose(moving.center(), arrived, atol=1e-9)
+    np.testing.assert_allclose(moving.find_center(), arrived, atol=1e-9)
     expected = 2 * (means - start) @ yaw(40).T + arrived
     np.testing.assert_allclose(street.compute_means(street.find_rows((FIRST_CAR,))), expected, atol=2e-5)
     assert len(street.transforms) == 2, "200 frames leave one entry"
@@ -115,9 +115,9 @@ def test_a_drag_ends_with_its_selection(session, street):
 
 def test_along_the_lane_only_the_lane_counts(session, street):
     session.movement.options.along_lane = True
-    lane, start = session.movement.lane(), middle(session)
+    lane, start = session.movement.find_lane(), middle(session)
     np.testing.assert_allclose(np.abs(lane), [0, 1, 0], atol=0.1)
-    session.movement.begin_drag(choose_gizmo_axes(session.movement, session.movement.box(), "move"))
+    session.movement.begin_drag(choose_gizmo_axes(session.movement, session.movement.find_box(), "move"))
     session.movement.drag_to(np.array([5.0, 4.0, 2.0]), NO_TURN, 1.0)
     np.testing.assert_allclose(middle(session) - start, lane * (lane @ [5, 4, 2]), atol=0.02)
 
@@ -165,7 +165,7 @@ def test_the_dragged_car_seen_from_the_same_side_looks_the_same(session, street)
     rows = street.find_rows((FIRST_CAR,))
     rest = street.scene.gaussians.sh_rest
     rest[rows] = np.random.default_rng(8).normal(0, 0.3, rest[rows].shape)
-    moving, pivot = session.movement, session.movement.center()
+    moving, pivot = session.movement, session.movement.find_center()
     pose = look_at(pivot + np.array([-4.0, -5.0, 2.0]), pivot)
     camera = Camera(150.0, 150.0, 80.0, 60.0, 160, 120, pose)
     before = preview_of(street.scene, camera)
@@ -188,27 +188,27 @@ def test_the_dragged_car_seen_from_the_same_side_looks_the_same(session, street)
 
 def test_numbers_say_where_things_are_and_bring_them_there(session, street):
     moving = session.movement
-    before = moving.placement()
+    before = moving.find_placement()
     assert (before.yaw, before.scale) == (0.0, 1.0)
     for field, value in (("position", (-2.0, 5.0, 1.5)), ("yaw", 30.0), ("scale", 1.5)):
-        present = moving.placement()
+        present = moving.find_placement()
         moving.place(present, type(present)(**{**vars(present), field: value}))
-    after = moving.placement()
+    after = moving.find_placement()
     np.testing.assert_allclose(after.position, (-2, 5, 1.5), atol=0.06)
     assert after.yaw == pytest.approx(30)
     assert after.scale == pytest.approx(1.5)
     session.actions.run("move.reset")
-    assert moving.placement() == before
+    assert moving.find_placement() == before
 
 
 def test_a_typed_height_is_not_drawn_to_the_ground_but_a_typed_place_is(session, street):
     moving = session.movement
     moving.options.on_ground = True
-    present = moving.placement()
+    present = moving.find_placement()
     x, y, z = present.position
     moving.place(present, type(present)((x, y, z + 3), present.yaw, present.scale))
-    assert moving.center()[2] == pytest.approx(z + 3, abs=1e-9)
-    present = moving.placement()
+    assert moving.find_center()[2] == pytest.approx(z + 3, abs=1e-9)
+    present = moving.find_placement()
     moving.place(present, type(present)((x + 1, *present.position[1:]), present.yaw, present.scale))
     assert compute_bottom(street, (FIRST_CAR,), np.eye(3, 4), 0.0) == pytest.approx(0.0, abs=0.1)
 
@@ -230,14 +230,14 @@ def test_of_what_drives_the_track_is_edited_at_the_shown_moment(session, street)
     session.selection.select((DRIVING_CAR,))
     session.navigation.look_from(session.state.viewpoint)
     session.navigation.set_time(1.0)
-    track, present = street.scene.actors[0], session.movement.placement()
-    np.testing.assert_allclose(present.position, track.pose_at(1.0)[:3, 3])
+    track, present = street.scene.actors[0], session.movement.find_placement()
+    np.testing.assert_allclose(present.position, track.interpolate_pose(1.0)[:3, 3])
     session.movement.place(present, type(present)(present.position, 90.0, 1.0))
     turned = street.scene.actors[0]
-    np.testing.assert_allclose(turned.pose_at(1.0)[:3, 3], track.pose_at(1.0)[:3, 3], atol=1e-9)
-    before, after = (one.pose_at(2.0)[:3, 3] - one.pose_at(1.0)[:3, 3] for one in (track, turned))
+    np.testing.assert_allclose(turned.interpolate_pose(1.0)[:3, 3], track.interpolate_pose(1.0)[:3, 3], atol=1e-9)
+    before, after = (one.interpolate_pose(2.0)[:3, 3] - one.interpolate_pose(1.0)[:3, 3] for one in (track, turned))
     np.testing.assert_allclose(after, yaw(90) @ before, atol=1e-9)
-    assert session.movement.placement().yaw == pytest.approx(90)
+    assert session.movement.find_placement().yaw == pytest.approx(90)
     session.actions.run("move.reset")
     assert street.scene.actors[0] is track
 
@@ -247,21 +247,21 @@ def test_of_what_drives_the_track_is_edited_at_the_shown_moment(session, street)
 
 def test_the_box_fits_the_car_and_goes_along(session, street):
     moving = session.movement
-    box = moving.box()
+    box = moving.find_box()
     np.testing.assert_allclose(box.size, [1.85, 4.4, 1.5], atol=0.2)
     np.testing.assert_allclose(box.upright_axes, np.eye(3), atol=0.05)
     moving.begin_drag(box.upright_axes)
     moving.drag_to(np.array([1.0, 2.0, 0.0]), yaw(30), 1.2)
     moving.end_drag()
-    free = moving.box()
+    free = moving.find_box()
     np.testing.assert_allclose(free.center, box.center + np.array([1, 2, 0]), atol=1e-9)
     np.testing.assert_allclose(free.axes, yaw(30) @ box.axes, atol=1e-6)
     np.testing.assert_allclose(free.size, 1.2 * box.size)
     session.selection.select((DRIVING_CAR,))
-    np.testing.assert_allclose(moving.box().size, street.scene.actors[0].dimensions)
+    np.testing.assert_allclose(moving.find_box().size, street.scene.actors[0].dimensions)
     session.selection.select((FIRST_CAR, DRIVING_CAR))
-    corners = moving.box().corners
-    for inner in (free.center, street.scene.actors[0].pose_at(0.0)[:3, 3]):
+    corners = moving.find_box().corners
+    for inner in (free.center, street.scene.actors[0].interpolate_pose(0.0)[:3, 3]):
         assert (corners.min(axis=0) < inner).all()
         assert (corners.max(axis=0) > inner).all()
 
@@ -270,22 +270,22 @@ def test_four_quarter_turns_by_typed_numbers_lead_back(session, street):
     rows = street.find_rows((FIRST_CAR,))
     before, moving = street.compute_means(rows), session.movement
     for degrees in (90.0, 180.0, -90.0, 0.0):
-        present = moving.placement()
+        present = moving.find_placement()
         moving.place(present, type(present)(present.position, degrees, 1.0))
-        assert moving.placement().position == pytest.approx(present.position, abs=1e-9)
+        assert moving.find_placement().position == pytest.approx(present.position, abs=1e-9)
     np.testing.assert_allclose(street.compute_means(rows), before, atol=2e-6)
 
 
 def test_the_box_is_measured_anew_where_splats_leave(session, street):
-    whole = session.movement.box()
+    whole = session.movement.find_box()
     rows = street.find_rows((FIRST_CAR,))
     front = rows[street.compute_means(rows)[:, 1] > whole.center[1]]
     street.apply(DeleteRows(front))
-    assert session.movement.box().size[1] < 0.6 * whole.size[1]
+    assert session.movement.find_box().size[1] < 0.6 * whole.size[1]
 
 
 def test_box_edges_are_the_twelve_of_a_box(session):
-    box = session.movement.box()
+    box = session.movement.find_box()
     lengths = [np.linalg.norm(box.corners[a] - box.corners[b]) for a, b in BOX_EDGES]
     np.testing.assert_allclose(sorted(lengths), sorted(np.repeat(box.size, 4)))
 
@@ -324,7 +324,7 @@ def test_a_copy_stands_beside_its_original_selected_and_in_hand(session, street)
     assert copy not in before.table
     assert session.state.tool == "move"
     apart = middle(session, copy) - middle(session)
-    lane = session.movement.lane()
+    lane = session.movement.find_lane()
     np.testing.assert_allclose(apart, lane * np.linalg.norm(apart), atol=1e-5)
     assert 4.4 < np.linalg.norm(apart) < 6
     assert street.history.cursor == steps + 1

@@ -42,7 +42,7 @@ def test_photo_and_masks_are_read(view):
 
 
 def test_what_is_missing_is_named(view, tmp_path):
-    with pytest.raises(DataError, match="does not say where"):
+    with pytest.raises(DataError, match="does not record where"):
         load_reference_picture(replace(view, photo=""), Reference.PHOTO)
     with pytest.raises(DataError, match="no longer there"):
         load_reference_picture(replace(view, photo=str(tmp_path / "gone.png")), Reference.PHOTO)

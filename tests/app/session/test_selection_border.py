@@ -29,7 +29,7 @@ def select_half(session):
 
 
 def selected(session):
-    return session.document.state.rows_with(Flag.SELECTED)
+    return session.document.state.find_rows(Flag.SELECTED)
 
 
 def told(session):
@@ -47,7 +47,7 @@ def test_what_is_found_beside_the_window_is_what_the_edit_finds(session):
     session.selection.border.shrink()
     finish(session)
     assert [edit.title for edit in session.document.history.edits[1:]] == ["Grow selection", "Shrink selection"]
-    np.testing.assert_array_equal(selected(session), twin.state.rows_with(Flag.SELECTED))
+    np.testing.assert_array_equal(selected(session), twin.state.find_rows(Flag.SELECTED))
 
 
 def test_those_asked_for_meanwhile_follow_in_order(session):
@@ -77,7 +77,7 @@ def test_what_was_found_before_an_edit_is_given_up(session, meanwhile):
     finish(session)
     np.testing.assert_array_equal(selected(session), rows)
     assert session.document.history.cursor == steps
-    assert "given up" in told(session)
+    assert "was cancelled because the scene changed" in told(session)
     select_half(session)
     session.selection.border.grow()
     finish(session)

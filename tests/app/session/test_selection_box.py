@@ -8,8 +8,8 @@ from instdrive_core.edits.kinds.move import MoveInstances
 
 def test_the_box_of_several_instances_is_kept_until_something_moves(street, monkeypatch):
     made = []
-    level_box = SelectionBoxes._level_box
-    monkeypatch.setattr(SelectionBoxes, "_level_box", lambda *given: made.append(1) or level_box(*given))
+    level_box = SelectionBoxes._find_level_box
+    monkeypatch.setattr(SelectionBoxes, "_find_level_box", lambda *given: made.append(1) or level_box(*given))
     boxes = SelectionBoxes()
     parked = tuple(i.id for i in street.scene.table if not i.node)[:3]
     before = boxes.find_box(street, parked, 0.0)

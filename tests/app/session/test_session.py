@@ -122,7 +122,7 @@ def test_playing_steps_at_the_pace_of_the_drive(session):
 def test_framing_a_moving_car_looks_at_where_it_is_now(session, street):
     session.navigation.set_time(1.0)
     session.navigation.frame((DRIVING_CAR,))
-    place = street.scene.actors[0].pose_at(1.0)[:3, 3]
+    place = street.scene.actors[0].interpolate_pose(1.0)[:3, 3]
     assert np.linalg.norm(session.state.viewpoint.pivot - place) < 0.5
 
 
@@ -141,7 +141,7 @@ def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(
     for name in ("edited.compressed.ply", "edited.splat"):
         assert len(open_scene(tmp_path / name)) == len(file)
     center = file.gaussians.means[file.instance_ids == DRIVING_CAR].mean(axis=0)
-    assert np.linalg.norm(center - street.scene.actors[0].pose_at(1.0)[:3, 3]) < 0.5
+    assert np.linalg.norm(center - street.scene.actors[0].interpolate_pose(1.0)[:3, 3]) < 0.5
 
 
 def test_opening_and_exporting_run_beside_the_window_and_failures_become_messages(session, tmp_path):

@@ -38,7 +38,7 @@ def test_a_foreign_street_that_lies_is_told_of_and_turned_by_nobody(session, axi
     session.show(Document(bake_document(document)))
     finish(session)
     (said,) = [text for text in told_texts(session) if "Turn upright…" in text]
-    assert f"{format_axis(axis)} is up, by the ground" in said
+    assert f"{format_axis(axis)} is up, judging by the ground" in said
     assert session.document.history.cursor == 0
 
 
@@ -122,7 +122,7 @@ def test_after_the_turn_boxes_numbers_ground_and_resets_know_up(session):
             session.tick(0.0)
         session.selection.select((FIRST_CAR,))
         session.state.time = 0.0
-        box, placement = session.movement.box(), session.movement.placement()
+        box, placement = session.movement.find_box(), session.movement.find_placement()
         session.movement.options.on_ground = True
         session.movement.begin_drag(np.eye(3))
         session.movement.drag_to(np.array([1.0, 0.5, 2.0]), np.eye(3), 1.0)

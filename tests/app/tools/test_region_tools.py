@@ -27,8 +27,7 @@ SIZE = (480, 270)
 def session():
     session = EditorSession()
     register_actions(session)
-    session.document = Document(procedural_street())
-    session.navigation.enter(session.document)
+    session.show(Document(procedural_street()))
     yield session
     session.close()
 
@@ -57,8 +56,8 @@ def tools(session, snapshot):
     return create_tools(session, winners_of)
 
 
-def selected_rows(session):
-    return session.document.state.rows_with(Flag.SELECTED)
+def find_selected_rows(session):
+    return session.document.state.find_rows(Flag.SELECTED)
 
 
 def car_box(session, snapshot, car=FIRST_CAR + 1):
@@ -67,7 +66,7 @@ def car_box(session, snapshot, car=FIRST_CAR + 1):
     return tuple(pixels.min(axis=0) - 1), tuple(pixels.max(axis=0) + 1)
 
 
-def dragged(tool, session, snapshot, **keys):
+def drag_over(tool, session, snapshot, **keys):
     low, high = car_box(session, snapshot)
     tool.drag(low, high)
     tool.release(Click(*high, **keys), snapshot)
@@ -84,20 +83,20 @@ def test_a_rectangle_takes_whole_instances(session, tools, snapshot):
     assert FIRST_CAR + 1 in session.selection.ids
     assert ROAD not in session.selection.ids
     ids = session.document.scene.instance_ids
-    assert set(selected_rows(session)) == set(np.flatnonzero(np.isin(ids, session.selection.ids)))
+    assert set(find_selected_rows(session)) == set(np.flatnonzero(np.isin(ids, session.selection.ids)))
 
 
 def test_keys_add_remove_and_intersect(session, tools, snapshot):
     tool = tools["rectangle"]
-    dragged(tool, session, snapshot)
+    drag_over(tool, session, snapshot)
     inside = set(session.selection.ids)
     session.selection.select((ROAD,))
-    dragged(tool, session, snapshot, shift=True)
+    drag_over(tool, session, snapshot, shift=True)
     assert set(session.selection.ids) == inside | {ROAD}
-    dragged(tool, session, snapshot, ctrl=True)
+    drag_over(tool, session, snapshot, ctrl=True)
     assert session.selection.ids == (ROAD,)
     session.actions.run("select.all")
-    dragged(tool, session, snapshot, shift=True, ctrl=True)
+    drag_over(tool, session, snapshot, shift=True, ctrl=True)
     assert set(session.selection.ids) == inside
 
 
@@ -115,11 +114,11 @@ def test_an_empty_region_clears_or_keeps_as_its_mode_says(session, tools, snapsh
 def test_splats_through_everything_or_visible_ones_only(session, tools, snapshot):
     session.actions.run("tool.single_splats")
     tool = tools["rectangle"]
-    dragged(tool, session, snapshot)
-    visible = set(selected_rows(session))
+    drag_over(tool, session, snapshot)
+    visible = set(find_selected_rows(session))
     session.actions.run("tool.visible_only")
-    dragged(tool, session, snapshot)
-    everything = set(selected_rows(session))
+    drag_over(tool, session, snapshot)
+    everything = set(find_selected_rows(session))
     assert visible < everything
     low, high = car_box(session, snapshot)
     means, _ = compute_shown_means(session.document, snapshot.time)
@@ -162,18 +161,18 @@ def test_delete_takes_the_selected_splats_only(session):
     assert session.document.history.edits[-1].title == f"Delete instance {FIRST_CAR}"
     session.history.undo()
     session.actions.run("select.shrink")
-    kept = set(car) - set(selected_rows(session))
+    kept = set(car) - set(find_selected_rows(session))
     assert 0 < len(kept) < len(car)
     session.actions.run("edit.delete")
     assert set(car[session.document.state.flags[car] == 0]) == kept
     session.history.undo()
-    assert not session.document.state.mask(Flag.DELETED).any()
+    assert not session.document.state.find_mask(Flag.DELETED).any()
 
 
-def orphaned(session):
+def orphan_splats(session):
     """Take a car's splats out of their instance and select them."""
     session.selection.select((FIRST_CAR + 1,))
-    rows = selected_rows(session)
+    rows = find_selected_rows(session)
     session.document.apply(ReassignSelected(0))
     session.document.apply(SelectRows(rows))
     assert session.selection.ids == ()
@@ -181,16 +180,16 @@ def orphaned(session):
 
 
 def test_splats_of_no_instance_can_be_deselected_and_deleted(session):
-    rows = orphaned(session)
+    rows = orphan_splats(session)
     session.actions.run("select.none")
     assert session.selection.is_empty
     session.history.undo()
     session.actions.run("edit.delete")
-    assert session.document.state.rows_with(Flag.DELETED).tolist() == rows.tolist()
+    assert session.document.state.find_rows(Flag.DELETED).tolist() == rows.tolist()
 
 
 def test_splats_of_no_instance_are_outlined(gl, session, snapshot):
-    rows = orphaned(session)
+    rows = orphan_splats(session)
     renderer = GlRenderer(gl, session.document)
     asked = replace(snapshot, draft=False)
     try:
@@ -205,12 +204,12 @@ def test_splats_of_no_instance_are_outlined(gl, session, snapshot):
 
 def test_growing_and_inverting_by_command(session):
     session.selection.select((FIRST_CAR,))
-    before = len(selected_rows(session))
+    before = len(find_selected_rows(session))
     assert session.actions.run("select.grow")
-    assert len(selected_rows(session)) > before
+    assert len(find_selected_rows(session)) > before
     session.history.undo()
     assert session.actions.run("select.invert")
-    assert len(selected_rows(session)) == len(session.document.scene) - before
+    assert len(find_selected_rows(session)) == len(session.document.scene) - before
     session.actions.run("select.none")
     assert not session.actions.run("select.grow"), "nothing to grow"
 

@@ -48,7 +48,7 @@ def window(filmed_street, tmp_path):
         yield driver
 
 
-def width_of(state, name):
+def measure_width(state, name):
     left, _, right, _ = state["widgets"][name]
     return right - left
 
@@ -68,9 +68,10 @@ def test_odd_splats_are_removed_and_the_photo_compared(window):
     window.wait_for(lambda state: state["reference"]["opacity"] > 0.8, "the slider to be moved")
     window.key("alt+p")
     beside = window.wait_for(
-        lambda state: width_of(state, "picture") < 0.6 * width_of(state, "viewport"), "the photo beside the splats"
+        lambda state: measure_width(state, "picture") < 0.6 * measure_width(state, "viewport"),
+        "the photo beside the splats",
     )
-    assert width_of(beside, "reference") == pytest.approx(width_of(beside, "picture"), abs=4)
+    assert measure_width(beside, "reference") == pytest.approx(measure_width(beside, "picture"), abs=4)
     window.wait_until_calm()
     window.click(*window.pixel_of(RED_CAR_SIDE))
     window.wait_for_selection(RED_CAR)  # clicks hit beside the photo, too

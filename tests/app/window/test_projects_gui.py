@@ -15,7 +15,7 @@ RED_CAR, BLUE_CAR = FIRST_CAR, FIRST_CAR + 1
 
 
 @pytest.fixture
-def opened(tmp_path):
+def open_window(tmp_path):
     """A function that opens the editor on a path; all editors share one state folder."""
     drivers = []
 
@@ -42,8 +42,8 @@ def delete(window, instance):
     window.wait_for(lambda state: instance not in state["visible"], "the instance to be deleted")
 
 
-def test_save_reopen_and_go_on_undoing(opened, street_folder, tmp_path):
-    window = opened(street_folder)
+def test_save_reopen_and_go_on_undoing(open_window, street_folder, tmp_path):
+    window = open_window(street_folder)
     delete(window, RED_CAR)
     project = tmp_path / "drive.instdrive"
     window.key("ctrl+s")
@@ -54,7 +54,7 @@ def test_save_reopen_and_go_on_undoing(opened, street_folder, tmp_path):
     window.wait_for(lambda state: not state["unsaved"], "the saved state again")
     assert window.quit() == 0, "nothing is unsaved: no question"
 
-    again = opened(project)
+    again = open_window(project)
     assert RED_CAR not in again.state["visible"]
     again.key("ctrl+z")
     again.wait_for(lambda state: RED_CAR in state["visible"], "an edit of the last session to be undone")
@@ -66,8 +66,8 @@ def test_save_reopen_and_go_on_undoing(opened, street_folder, tmp_path):
     assert document.history.edits, "what was undone can be redone"
 
 
-def test_giving_up_a_save_on_the_way_out_stays(opened, street_folder, tmp_path):
-    window = opened(street_folder)
+def test_giving_up_a_save_on_the_way_out_stays(open_window, street_folder, tmp_path):
+    window = open_window(street_folder)
     delete(window, RED_CAR)
     window.key("ctrl+q")
     window.click_widget("question.Save")
@@ -88,14 +88,14 @@ def wait_until_written(recovery, deletions):
         time.sleep(0.05)
 
 
-def test_work_of_a_killed_editor_is_offered(opened, street_folder, tmp_path):
-    window = opened(street_folder)
+def test_work_of_a_killed_editor_is_offered(open_window, street_folder, tmp_path):
+    window = open_window(street_folder)
     delete(window, RED_CAR)
     delete(window, BLUE_CAR)
     wait_until_written(tmp_path / "state" / "recovery", deletions=2)
     window.kill()
 
-    again = opened(street_folder)
+    again = open_window(street_folder)
     again.click_widget("recovery.0.recover")
     state = again.wait_for(lambda state: RED_CAR not in state["visible"], "the work to be recovered")
     assert BLUE_CAR not in state["visible"]
@@ -107,5 +107,5 @@ def test_work_of_a_killed_editor_is_offered(opened, street_folder, tmp_path):
     assert again.wait_until_calm()["unsaved"], "still there"
     assert again.quit() == 0
 
-    last = opened(street_folder)
+    last = open_window(street_folder)
     assert "recovery.later" not in last.state["widgets"], "what was left by choice is not offered"

@@ -55,12 +55,12 @@ def test_rectangle_lasso_and_their_keys(window):
     window.wait_for(lambda state: state["tool"] == "lasso", "the toolbar to give the lasso")
     lasso(window, BLUE_BOX, "shift")
     window.wait_for(lambda state: {RED_CAR, BLUE_CAR} <= set(state["selected"]), "Shift to add the blue car")
-    rectangle_of_red(window, "ctrl")
+    find_rectangle_of_red(window, "ctrl")
     window.wait_for(lambda state: RED_CAR not in state["selected"], "Ctrl to remove the red car")
     assert BLUE_CAR in window.state["selected"]
     window.key("ctrl+a")
     window.wait_for(lambda state: len(state["selected"]) > 10, "everything to be selected")
-    rectangle_of_red(window, "ctrl", "shift")
+    find_rectangle_of_red(window, "ctrl", "shift")
     state = window.wait_for(lambda state: len(state["selected"]) < 4, "both keys to keep what is inside")
     assert RED_CAR in state["selected"]
     drag_and_escape(window)
@@ -73,7 +73,7 @@ def test_rectangle_lasso_and_their_keys(window):
     assert window.quit() == 0
 
 
-def rectangle_of_red(window, *modifiers):
+def find_rectangle_of_red(window, *modifiers):
     window.key("b")
     window.wait_for(lambda state: state["tool"] == "rectangle", "B to take the rectangle")
     rectangle(window, RED_BOX, *modifiers)

@@ -14,7 +14,7 @@ def project(street_folder, tmp_path, monkeypatch):
     return tmp_path / "street.instdrive"
 
 
-def opened(path):
+def open_editor(path):
     editor = EditorSession()
     editor.files.open(path)
     finish(editor)
@@ -22,10 +22,10 @@ def opened(path):
 
 
 def test_a_project_saved_elsewhere_is_written_over_only_when_asked(street_folder, project):
-    first = opened(street_folder)
+    first = open_editor(street_folder)
     first.files.save(project)
     finish(first)
-    second = opened(project)
+    second = open_editor(project)
     for instance in (ROAD, HOUSES):  # of an editor's own, two saves in a row are no news
         first.visibility.hide((instance,))
         first.files.save()
@@ -41,13 +41,13 @@ def test_a_project_saved_elsewhere_is_written_over_only_when_asked(street_folder
     assert second.files.is_unsaved
     assert not left, "the window stays open"
     assert errors(second) == []
-    kept = opened(project)
+    kept = open_editor(project)
     assert ROAD not in kept.document.find_visible_instances(), "the first editor's save is there still"
     asked.save_over()
     finish(second)
     assert left
     assert not second.files.is_unsaved
-    last = opened(project)
+    last = open_editor(project)
     assert FIRST_CAR not in last.document.find_visible_instances()
     assert ROAD in last.document.find_visible_instances()
     project.unlink()

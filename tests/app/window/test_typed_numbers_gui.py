@@ -8,7 +8,7 @@ pytestmark = pytest.mark.gui
 RED_CAR_SIDE = (-2.1, 4.6, 0.8)
 
 
-def typed(window, widget, text):
+def type_number(window, widget, text):
     window.click_widget(widget, "ctrl")
     window.key("ctrl+a")
     window.type(text)
@@ -21,14 +21,14 @@ def test_numbers_are_typed_and_nonsense_is_passed_over(window):
     window.wait_for_selection(FIRST_CAR)
     steps = window.wait_until_calm()["cursor"]
     for widget, text in (("inspector.scale", "nan"), ("inspector.x", "abc")):
-        assert typed(window, widget, text)["cursor"] == steps, f"{text!r} in {widget}"
-    typed(window, "inspector.yaw", "45")
+        assert type_number(window, widget, text)["cursor"] == steps, f"{text!r} in {widget}"
+    type_number(window, "inspector.yaw", "45")
     state = window.wait_for_edit("Move instance")
     assert state["cursor"] == steps + 1
     window.key("2")
     window.wait_for(lambda state: "viewport.opacity" in state["widgets"], "the ID view")
     x, y = window.pixel_of(RED_CAR_SIDE)
-    typed(window, "viewport.opacity", "nan")
+    type_number(window, "viewport.opacity", "nan")
     window.move(x, y)
     window.wait_for(lambda state: state["hovered"] == FIRST_CAR, "the car to be hovered")
     assert [text for text in state["messages"] if "not a" in text] == []

@@ -113,7 +113,7 @@ def test_undo_takes_everything_back_and_a_replay_does_the_same(street):
     state = same.state.flags.copy(), same.first_free_id
     edit = report.make_fill_edit(seed=3)
     document.apply(edit)
-    assert document.state.mask(Flag.DELETED).sum() > (state[0] & Flag.DELETED > 0).sum(), "noise in the hole goes"
+    assert document.state.find_mask(Flag.DELETED).sum() > (state[0] & Flag.DELETED > 0).sum(), "noise in the hole goes"
     replayed, _ = emptied(street)
     replayed.apply(edit_from_json(json.loads(json.dumps(edit.to_json()))))
     assert_same_scene(replayed.scene, document.scene)

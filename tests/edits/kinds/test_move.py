@@ -133,7 +133,9 @@ def test_of_a_moving_actor_the_track_is_moved():
     assert document.scene.actors[1] is Document(document.scene).scene.actors[1]
     result = freeze_at_time(bake_document(document), time).gaussians
     rows = np.flatnonzero(document.scene.nodes == 1)
-    expected = document.scene.gaussians.means[rows] @ new.interpolate_pose(time)[:3, :3].T + new.interpolate_pose(time)[:3, 3]
+    expected = (
+        document.scene.gaussians.means[rows] @ new.interpolate_pose(time)[:3, :3].T + new.interpolate_pose(time)[:3, 3]
+    )
     np.testing.assert_allclose(result.means[rows], expected, atol=1e-4)
     document.undo()
     assert everything(document) == before

@@ -33,7 +33,7 @@ AXIS_TURNS = [TurnScene.make_upright(tuple(compute_axis_direction(axis))) for ax
 
 def world_means(document, time):
     scene = document.scene
-    poses, _ = scene.at(time)
+    poses, _ = scene.find_node_poses(time)
     means = document.compute_means(np.arange(len(scene)))
     return place_in_world(means, scene.gaussians.quats, scene.nodes, poses)[0]
 
@@ -161,7 +161,9 @@ def test_drives_are_scaled_with_the_street():
     document.apply(edit)
     for time, means in before.items():
         np.testing.assert_allclose(world_means(document, time), means @ edit.linear.T, atol=1e-4)
-    assert [track.compute_path_length() for track in document.scene.actors] == pytest.approx([2.5 * each for each in lengths])
+    assert [track.compute_path_length() for track in document.scene.actors] == pytest.approx(
+        [2.5 * each for each in lengths]
+    )
 
 
 def test_turns_add_up_and_a_turn_back_leaves_the_identity():

@@ -93,7 +93,7 @@ def test_placed_actors_look_as_they_did_on_their_tracks():
     result = freeze_at_time(scene, time)
     assert result.actors == ()
     assert not result.nodes.any()
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     assert present.all()
     rng = np.random.default_rng(0)
     eye = rng.normal(0, 20, 3)

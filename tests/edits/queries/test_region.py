@@ -33,7 +33,7 @@ def camera(scene):
 @pytest.fixture(scope="module")
 def winners(scene, camera):
     """Row + 1 per pixel."""
-    poses, _ = scene.at(0.0)
+    poses, _ = scene.find_node_poses(0.0)
     gaussians = scene.gaussians
     means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     colors = color_from_dc(gaussians.sh_dc)

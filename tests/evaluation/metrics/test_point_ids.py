@@ -90,15 +90,15 @@ def test_actors_are_where_they_are_at_the_time(drive):
     scene, track = drive.scene, drive.clip.tracks[1]
     ids = scene.instance_ids
     for time in (0.4, 1.4):
-        top = track.pose_at(time)[:3, 3] + [0, 0, track.dimensions[2] / 2]
+        top = track.interpolate_pose(time)[:3, 3] + [0, 0, track.dimensions[2] / 2]
         assert ids_at(scene, top, ids, time) == DRIVING
         assert ids_at(scene, [*top[:2], 0.0], ids, time) in (ROAD, DRIVING)
-    assert ids_at(scene, drive.clip.tracks[1].pose_at(0.4)[:3, 3] + [0, -1.9, 0.75], ids, 1.9) == 0
+    assert ids_at(scene, drive.clip.tracks[1].interpolate_pose(0.4)[:3, 3] + [0, -1.9, 0.75], ids, 1.9) == 0
     assert ids_at(scene, [2.5, 8.0, 1.6], ids, 0.4) == PARKED
 
 
 def test_absent_actors_are_nowhere(drive):
     scene = drive.scene
     scene.actors = (replace(scene.actors[0], times=scene.actors[0].times + 100),)
-    top = drive.clip.tracks[1].pose_at(0.4)[:3, 3] + [0, 0, 0.8]
+    top = drive.clip.tracks[1].interpolate_pose(0.4)[:3, 3] + [0, 0, 0.8]
     assert ids_at(scene, top, scene.instance_ids, 0.4) == 0

@@ -92,7 +92,7 @@ class TestAnnotations:
         return drive
 
     def test_boxes_and_classes(self, annotated):
-        front = annotated.clip.tracks[1].pose_at(0.4)[:3, 3]
+        front = annotated.clip.tracks[1].interpolate_pose(0.4)[:3, 3]
         points = [
             [2.5, 8.0, 1.6],  # on the roof of the parked car
             [2.5, 8.0, 0.8],  # road by its class, though in the box
@@ -106,7 +106,7 @@ class TestAnnotations:
         assert truth_of(annotated, points, classes=classes).truth.tolist() == [PARKED, ROAD, 0, DRIVING, ROAD, 0, 0]
 
     def test_the_second_lidar_never_sees_moving_objects_where_their_box_is(self, annotated):
-        front = annotated.clip.tracks[1].pose_at(0.4)[:3, 3]
+        front = annotated.clip.tracks[1].interpolate_pose(0.4)[:3, 3]
         points = [[2.5, 8.0, 1.6], [*front[:2], 1.0], [*front[:2], 1.2]]
         found = truth_of(annotated, points, classes=[13, 13, 7], sensor=[1, 1, 1])
         assert found.truth.tolist() == [PARKED, 0, 0]
@@ -114,5 +114,5 @@ class TestAnnotations:
     def test_objects_that_are_not_there_own_nothing(self, annotated):
         gone = replace(annotated.clip.tracks[1], times=annotated.clip.tracks[1].times + 100)
         annotated.clip = replace(annotated.clip, tracks=(annotated.clip.tracks[0], gone))
-        front = gone.pose_at(0.4)[:3, 3]
+        front = gone.interpolate_pose(0.4)[:3, 3]
         assert truth_of(annotated, [[*front[:2], 1.0], [0, 15, 0]], classes=[13, 7]).truth.tolist() == [0, ROAD]

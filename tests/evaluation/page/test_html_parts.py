@@ -1,11 +1,15 @@
 """Parts of pages: escaped elements, colours that make maps comparable, charts, logs."""
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 from jinja2 import UndefinedError
 from markupsafe import Markup
 
 from instdrive_core.evaluation.metrics.segmentation import count_confusion
+from instdrive_core.evaluation.page import rendering
 from instdrive_core.evaluation.page.cells import Cell, PageTable, build_number_cell
 from instdrive_core.evaluation.page.charts import Curve, build_line_chart
 from instdrive_core.evaluation.page.map_colors import (
@@ -78,6 +82,13 @@ def test_every_part_escapes_what_it_is_told():
         assert "<b>" not in html.replace("<b>" + ESCAPED + "</b>", ""), macro
 
 
+def test_assets_and_templates_are_installed_with_the_package():
+    folder, project = Path(rendering.__file__).parent, Path(__file__).parents[3] / "pyproject.toml"
+    patterns = tomllib.loads(project.read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]
+    packed = {file for pattern in patterns["instdrive_core.evaluation.page"] for file in folder.glob(pattern)}
+    assert {file for name in ("assets", "templates") for file in (folder / name).iterdir()} == packed
+
+
 def test_cells():
     shown = render("table", PageTable(("a", "b"), [[Cell("<td>"), build_number_cell("1", 1.0, "+2", is_best=True)]]))
     assert "<td>&lt;td&gt;</td>" in shown
@@ -146,6 +157,15 @@ def test_charts_stand_on_what_is_finite(logarithmic):
     assert "nan" not in chart
     assert "inf" not in chart.replace("info", "")
     assert len(chart) < 20000, "curves are thinned out"
+
+
+def test_ticks_are_told_apart():
+    x = np.arange(3.0)
+    for values in (np.full(3, 100.0), np.array([1e6, 1e6 + 1, 1e6 + 2]), np.array([0.001, 0.0012, 0.0014])):
+        shown = build_line_chart("t", "s", [Curve("a", x, values)])
+        assert shown is not None
+        labels = [tick.label for tick in shown.y_ticks]
+        assert len(set(labels)) == len(labels)
 
 
 def test_charts_of_constant_values_and_of_nothing():

@@ -1,15 +1,12 @@
 """The report's page: it parses, its pictures decode, its text cannot break out, and it shows what was measured."""
 
-import base64
 import dataclasses
-import html.parser
-import io
 import json
 
 import numpy as np
 import pytest
 from evaluation_scene import DRIVING, PARKED, ToyDrive
-from PIL import Image
+from report_page import FACTS, HOSTILE, ReadPage, decode_picture, log_line
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError
@@ -18,66 +15,6 @@ from instdrive_core.evaluation.page.report import write_report
 from instdrive_core.evaluation.page.views import spread_over_steps
 from instdrive_core.evaluation.protocol import evaluate_scene
 from instdrive_core.instances.colormap import ids_from_colors
-
-FACTS = {
-    "clip": "toy",
-    "cameras": "front,side",
-    "scale": 1.0,
-    "first_frame": None,
-    "last_frame": None,
-    "masks": "exact",
-    "seed": 3,
-    "iterations": 10,
-    "train_seconds": 1.5,
-    "peak_rss_mb": 250,
-    "backend": "cpu",
-}
-HOSTILE = "<script>alert(1)</script>\"'&<img src=x onerror=alert(2)>"
-VOID = {"br", "img", "input", "meta"}
-
-
-class ReadPage(html.parser.HTMLParser):
-    """Elements, pictures and text; fails where an element is not closed in order."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.tags: list[str] = []
-        self.images: list[dict] = []
-        self.text = ""
-        self.feed(text)
-        self.close()
-        assert not self.open
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        assert not [name for name, _ in attrs if name.startswith("on")], "no handlers in attributes"
-        if tag == "img":
-            self.images.append(dict(attrs))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text += data
-
-    def pictures(self, start: str) -> list[np.ndarray]:
-        """Decoded pictures whose text begins so."""
-        return [decoded(image["src"]) for image in self.images if image["alt"].startswith(start)]
-
-
-def decoded(source: str) -> np.ndarray:
-    kind, content = source.split(";base64,")
-    picture = Image.open(io.BytesIO(base64.b64decode(content, validate=True)))
-    assert kind == f"data:image/{(picture.format or '').lower()}"
-    return np.asarray(picture.convert("RGB"))
-
-
-def log_line(stage: str, step: int, **fields) -> str:
-    line = {"stage": stage, "iteration": step, "total": 40, "loss": 1 / (step + 1), "gaussians": 100, "seconds": step}
-    return json.dumps(line | {"psnr": 20.0 + step / 10 if stage == "rgb" else None, "terms": {"pull": 0.5}} | fields)
 
 
 @pytest.fixture
@@ -99,7 +36,7 @@ def report(drive: ToyDrive, tmp_path):
 def test_views_are_shown_as_they_are(drive, report):
     page = report()
     views = drive.clip.held_out_frames
-    assert all(decoded(image["src"]).size for image in page.images)
+    assert all(decode_picture(image["src"]).size for image in page.images)
     for start in ("photo: ", "image: ", "errors: "):
         assert len(page.pictures(start)) == len(views)
     for photo, frame in zip(page.pictures("photo: "), views, strict=True):
@@ -132,8 +69,8 @@ def test_names_from_files_cannot_break_out(drive, report):
         number: dataclasses.replace(instance, name=HOSTILE, class_name=HOSTILE)
         for number, instance in drive.truth.instances.items()
     }
-    for number in list(drive.scene.table.instances):
-        drive.scene.table.set(drive.scene.table.renamed(number, HOSTILE + "\x00\ud800"))
+    for instance in list(drive.scene.table):
+        drive.scene.table.set(dataclasses.replace(instance, name=HOSTILE + "\x00\ud800"))
     log = "\n".join(log_line("rgb", step, terms={HOSTILE: 0.5}) for step in range(5))
     log += "\n" + "\n".join(log_line(HOSTILE, step) for step in range(5))
     page = report(log, clip=HOSTILE, cameras=HOSTILE, backend=HOSTILE, method=HOSTILE)

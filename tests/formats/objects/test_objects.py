@@ -82,7 +82,7 @@ def test_what_moves_follows_its_track(scene, tmp_path):
     for time in (0.0, 0.4):
         write_objects(tmp_path / "a.json", scene, time)
         content, objects = read_json(tmp_path / "a.json")
-        pose, driving = actor.pose_at(time), objects[DRIVING]
+        pose, driving = actor.interpolate_pose(time), objects[DRIVING]
         np.testing.assert_allclose(driving["box"]["center"], pose[:3, 3], atol=0.1)
         heading = math.atan2(pose[1, 1], pose[0, 1])
         assert math.cos(driving["box"]["yaw"] - heading) == pytest.approx(1)

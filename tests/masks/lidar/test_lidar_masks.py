@@ -262,7 +262,8 @@ def test_the_real_clip_gives_cars_a_road_and_a_sky(pandaset_clip):
 def test_a_few_points_are_enough_to_go_on(street):
     def first_points(sweep):
         points = sweep.load()
-        return replace(points, **{name: getattr(points, name)[:5] for name in ("points", "intensity", "sensor")})
+        columns = ("points", "intensity", "sensor", "classes")
+        return replace(points, **{name: getattr(points, name)[:5] for name in columns})
 
     sweeps = tuple(replace(sweep, load=lambda sweep=sweep: first_points(sweep)) for sweep in street.sweeps[:2])
     frame = street.frames[0]

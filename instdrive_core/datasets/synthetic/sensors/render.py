@@ -33,7 +33,7 @@ OPEN_REACH = 1.8
 
 @dataclass(frozen=True)
 class RenderedPhoto:
-    """What a camera records."""
+    """Photo and labels that a camera records."""
 
     image: UInt8[ndarray, "h w 3"]
     labels: UInt16[ndarray, "h w"]

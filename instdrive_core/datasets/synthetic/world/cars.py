@@ -50,7 +50,7 @@ class CarShape:
     cabin: tuple[float, float, float, float]
     """y of the rear window's foot, the roof's rear end, its front end, and the windscreen's foot."""
     pillars: tuple[float, ...]
-    """Where side windows are divided, as fractions from rear to front; windows lie between neighbours."""
+    """Divisions of the side windows, as fractions from rear to front; windows lie between neighbours."""
     clearance: float = 0.22
     tail: float = 1.0
     """Height of the rear deck as a fraction of the belt."""

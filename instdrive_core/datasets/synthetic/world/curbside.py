@@ -21,7 +21,7 @@ _STATIC = "Other Static Object"
 
 @dataclass
 class CurbPlaces:
-    """Which stretches of the two kerbs are taken."""
+    """Stretches of the two kerbs that are taken."""
 
     taken: list[tuple[Side, float, float]] = field(default_factory=list)
     """Side, middle y, half length."""

@@ -16,7 +16,7 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class Opening:
-    """What fills a hole in a wall cell."""
+    """A window, door or gate that fills a hole in a wall cell."""
 
     width: float
     """Metres; at most the cell's."""
@@ -25,7 +25,7 @@ class Opening:
     head: float
     """Height of the upper edge over the floor."""
     depth: float
-    """How far it is set back."""
+    """Metres by which it is set back."""
     material: int
     ledge: bool = False
     """A window sill that stands out."""

@@ -17,7 +17,7 @@ class TriangleMesh:
     corners: Float32[ndarray, "n 3 3"]
     """Positions of the three corners (metres)."""
     texcoords: Float32[ndarray, "n 3 3"]
-    """Where textures are evaluated: metres in the object's own frame, whatever its pose."""
+    """Points at which textures are evaluated: metres in the object's own frame, whatever its pose."""
     normals: Float32[ndarray, "n 3 3"]
     """Unit shading normals at the corners."""
     materials: Int32[ndarray, " n"]
@@ -27,7 +27,7 @@ class TriangleMesh:
         return len(self.materials)
 
     def transform(self, pose: Float[ndarray, "4 4"]) -> TriangleMesh:
-        """The mesh moved by a rigid transform; its texture stays glued to it."""
+        """Move the mesh by a rigid transform; its texture stays glued to it."""
         rotation = pose[:3, :3]
         return replace(
             self,
@@ -36,11 +36,11 @@ class TriangleMesh:
         )
 
     def at(self, x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> TriangleMesh:
-        """The mesh turned about z by `yaw` (radians, counter-clockwise) and moved to (x, y, z)."""
+        """Turn the mesh about z by `yaw` (radians, counter-clockwise) and move it to (x, y, z)."""
         return self.transform(build_planar_pose(x, y, z, yaw))
 
     def scale(self, x: float, y: float, z: float) -> TriangleMesh:
-        """The mesh stretched along the axes, texture included."""
+        """Stretch the mesh along the axes, texture included."""
         factors = np.array([x, y, z], np.float32)
         normals = self.normals / factors
         return replace(
@@ -51,7 +51,7 @@ class TriangleMesh:
         )
 
     def smooth_normals(self, crease: float = 40.0) -> TriangleMesh:
-        """Normals averaged over triangles that meet at a corner under less than `crease` degrees."""
+        """Average normals over triangles that meet at a corner under less than `crease` degrees."""
         weighted = _compute_area_normals(self.corners.astype(np.float64))
         unit = weighted / np.maximum(np.linalg.norm(weighted, axis=-1, keepdims=True), 1e-12)
         keys = np.round(self.corners.reshape(-1, 3) * 1e4).astype(np.int64)
@@ -74,13 +74,13 @@ class TriangleMesh:
 
 
 def build_planar_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Float[ndarray, "4 4"]:
-    """A rigid transform that turns about z by `yaw` (radians) and moves to (x, y, z)."""
+    """Build a rigid transform that turns about z by `yaw` (radians) and moves to (x, y, z)."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
     return np.array([[cosine, -sine, 0, x], [sine, cosine, 0, y], [0, 0, 1, z], [0, 0, 0, 1]])
 
 
 def join_meshes(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
-    """All triangles of `meshes`, in order."""
+    """Join all triangles of `meshes`, in order."""
     return TriangleMesh(
         np.concatenate([mesh.corners for mesh in meshes]),
         np.concatenate([mesh.texcoords for mesh in meshes]),
@@ -90,7 +90,7 @@ def join_meshes(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
 
 
 def build_flat_mesh(corners: ndarray, material: int, texcoords: ndarray | None = None) -> TriangleMesh:
-    """A mesh with flat normals; texture coordinates default to the positions."""
+    """Build a mesh with flat normals; texture coordinates default to the positions."""
     corners = np.asarray(corners, np.float32)
     normals = _compute_area_normals(corners)
     normals /= np.sqrt(np.maximum((normals * normals).sum(axis=-1, keepdims=True), 1e-24))
@@ -103,7 +103,7 @@ def build_flat_mesh(corners: ndarray, material: int, texcoords: ndarray | None =
 
 
 def _compute_area_normals(corners: Float[ndarray, "n 3 3"]) -> Float[ndarray, "n 3"]:
-    """Normals as long as twice the area. Spelled out, because numpy's cross is slow on the many small parts."""
+    """Compute normals as long as twice the area. Spelled out, because numpy's cross is slow on the many small parts."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     ax, ay, az, bx, by, bz = a[:, 0], a[:, 1], a[:, 2], b[:, 0], b[:, 1], b[:, 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)

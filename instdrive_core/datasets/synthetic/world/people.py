@@ -120,7 +120,7 @@ def _build_skirt(h: float, material: int) -> TriangleMesh:
 
 
 def draw_person(rng: np.random.Generator, palette: MaterialPalette) -> Person:
-    """Someone."""
+    """Draw a person by lot."""
 
     def cloth(colors: tuple[Color, ...], striped: float = 0.0) -> int:
         color = colors[rng.integers(len(colors))]
@@ -199,7 +199,7 @@ class Cyclist:
 
 
 def draw_cyclist(rng: np.random.Generator, palette: MaterialPalette) -> Cyclist:
-    """Someone on a bicycle."""
+    """Draw a person on a bicycle by lot."""
     color = _TOPS[rng.integers(len(_TOPS))]
     frame = palette.add(Material(PLAIN, color, gloss=0.2, reflectivity=0.4))
     rubber = palette.add(Material(PLAIN, (0.025, 0.025, 0.027), reflectivity=0.08))

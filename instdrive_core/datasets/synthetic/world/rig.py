@@ -31,7 +31,7 @@ class RigCamera:
 
     name: str
     position: tuple[float, float, float]
-    """In the car's frame (metres)."""
+    """Place in the car's frame (metres)."""
     heading: tuple[float, float, float, float]
     """Quaternion wxyz from OpenCV camera axes to the car's frame."""
     fx: float

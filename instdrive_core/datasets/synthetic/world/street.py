@@ -68,7 +68,7 @@ class Fixture:
     """Something that stands where it is; one instance."""
 
     mesh: TriangleMesh
-    """In the street's frame."""
+    """Triangles in the street's frame."""
     label: str
     """One of `CLASSES`."""
     kind: str = "thing"
@@ -108,7 +108,7 @@ class Actor:
 
 @dataclass(frozen=True)
 class StreetInstance:
-    """What an instance ID stands for."""
+    """Object or surface that an instance ID stands for."""
 
     id: int
     label: str
@@ -122,7 +122,7 @@ class StepGeometry:
     """All triangles of one time step."""
 
     mesh: TriangleMesh
-    """In the street's frame."""
+    """Triangles in the street's frame."""
     instances: Int32[ndarray, " n"]
     """Instance ID per triangle."""
 

@@ -35,7 +35,7 @@ from instdrive_core.datasets.synthetic.world.materials import (
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hash_cell(x, y, z):
-    """A number in [0, 1) that depends on three integers in no visible way."""
+    """Turn three integers into a number in [0, 1) that shows no pattern."""
     h = (x * 73856093 ^ y * 19349663 ^ z * 83492791) & 0xFFFFFFFF
     h = ((h ^ (h >> 15)) * 739982445) & 0xFFFFFFFF
     h = ((h ^ (h >> 12)) * 695872825) & 0xFFFFFFFF
@@ -133,7 +133,7 @@ def window(s, t, seed, size, footprint):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def sign_face(s, t, variant):
-    """Which colour a sign's face has at (s, t) in [-1, 1]²: 0 = ground, 1 = second colour, 2 = white, 3 = dark."""
+    """Colour that a sign's face has at (s, t) in [-1, 1]²: 0 = ground, 1 = second colour, 2 = white, 3 = dark."""
     radius = math.sqrt(s * s + t * t)
     if variant < 1:  # speed limit: red ring, dark digits on white
         if radius > 0.72:

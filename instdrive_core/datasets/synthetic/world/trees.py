@@ -78,11 +78,11 @@ def build_bush(
 
 
 def _build_leaf_material(species: Species, tint: ndarray) -> Material:
-    def tinted(color: Color) -> Color:
+    def apply_tint(color: Color) -> Color:
         r, g, b = (float(value) for value in np.round(np.array(color) * tint, 3))
         return r, g, b
 
-    return Material(LEAF, tinted(species.leaf), tinted(species.shade), reflectivity=0.45)
+    return Material(LEAF, apply_tint(species.leaf), apply_tint(species.shade), reflectivity=0.45)
 
 
 def _draw_clumps(

@@ -14,7 +14,7 @@ from instdrive_core.instances.table import Instance
 CARS = tuple(range(FIRST_CAR, FIRST_CAR + 5))
 
 
-def listed(document, **query):
+def list_names(document, **query):
     rows = InstanceRows()
     rows.update(document, Query(**query))
     return rows.ids
@@ -39,19 +39,19 @@ def test_every_column_sorts_both_ways(street):
     street.apply(HideInstances((30,)))
     street.apply(LockInstances((31,)))
     for column in ("#", "Code", "Name", "Class", "Splats", "Shown", "Locked"):
-        up, down = (listed(street, column=column, descending=descending) for descending in (False, True))
-        assert sorted(up) == sorted(down) == list(listed(street))
+        up, down = (list_names(street, column=column, descending=descending) for descending in (False, True))
+        assert sorted(up) == sorted(down) == list(list_names(street))
         assert up[0] != down[0], column
-    assert listed(street, column="Splats", descending=True)[0] == ROAD
-    assert listed(street, column="Shown")[-1] == 30
-    assert listed(street, column="Locked")[0] == 31
+    assert list_names(street, column="Splats", descending=True)[0] == ROAD
+    assert list_names(street, column="Shown")[-1] == 30
+    assert list_names(street, column="Locked")[0] == 31
 
 
 def test_names_are_sorted_as_people_count(street):
     street.apply(RenameInstance(FIRST_CAR, "car 10"))
     street.apply(RenameInstance(FIRST_CAR + 1, "car 9"))
-    assert listed(street, column="Name", search="car 10")[0] == FIRST_CAR
-    assert listed(street, column="Name")[:2] == (FIRST_CAR + 1, FIRST_CAR)
+    assert list_names(street, column="Name", search="car 10")[0] == FIRST_CAR
+    assert list_names(street, column="Name")[:2] == (FIRST_CAR + 1, FIRST_CAR)
     assert build_natural_key("x") < build_natural_key("x 2") < build_natural_key("x 10")
 
 

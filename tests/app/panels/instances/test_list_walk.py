@@ -12,33 +12,33 @@ def anywhere(_):
     return True
 
 
-def walked(walk, *steps, extends=False, may_stop=anywhere):
+def walk_steps(walk, *steps, extends=False, may_stop=anywhere):
     for step in steps:
         walk = walk.advance(step, extends, IDS, may_stop)
     return walk
 
 
 def test_steps_go_through_the_list_and_end_at_its_ends():
-    assert walked(Walk(), "down") == Walk(5, 5)
-    assert walked(Walk(), "up") == Walk(7, 7)
-    assert walked(Walk(3, 3), "down", "down", "down") == Walk(7, 7)
-    assert walked(Walk(3, 3), "up", "up") == Walk(5, 5)
-    assert walked(Walk(3, 3), "last") == Walk(7, 7)
-    assert walked(Walk(9, 9), "first") == Walk(5, 5)
-    assert walked(Walk(99, 99), "down") == Walk(5, 5), "what is no longer listed is nowhere"
+    assert walk_steps(Walk(), "down") == Walk(5, 5)
+    assert walk_steps(Walk(), "up") == Walk(7, 7)
+    assert walk_steps(Walk(3, 3), "down", "down", "down") == Walk(7, 7)
+    assert walk_steps(Walk(3, 3), "up", "up") == Walk(5, 5)
+    assert walk_steps(Walk(3, 3), "last") == Walk(7, 7)
+    assert walk_steps(Walk(9, 9), "first") == Walk(5, 5)
+    assert walk_steps(Walk(99, 99), "down") == Walk(5, 5), "what is no longer listed is nowhere"
     assert Walk(4, 4).advance("down", False, (), anywhere) == Walk(4, 4)
 
 
 def test_a_range_has_one_end_that_stays():
-    walk = walked(Walk(3, 3), "down", "down", extends=True)
+    walk = walk_steps(Walk(3, 3), "down", "down", extends=True)
     assert (walk, walk.list_range(IDS)) == (Walk(3, 7), (3, 9, 7))
-    walk = walked(walk, "first", extends=True)
+    walk = walk_steps(walk, "first", extends=True)
     assert (walk, walk.list_range(IDS)) == (Walk(3, 5), (5, 3))
 
 
 def test_what_cannot_be_selected_is_stepped_over():
-    assert walked(Walk(5, 5), "down", may_stop=lambda i: i not in (3, 9)) == Walk(7, 7)
-    assert walked(Walk(9, 9), "down", may_stop=lambda i: i != 7) == Walk(9, 9)
+    assert walk_steps(Walk(5, 5), "down", may_stop=lambda i: i not in (3, 9)) == Walk(7, 7)
+    assert walk_steps(Walk(9, 9), "down", may_stop=lambda i: i != 7) == Walk(9, 9)
 
 
 @pytest.mark.gui

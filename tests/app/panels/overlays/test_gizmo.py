@@ -44,13 +44,13 @@ def type_into(window, field, text):
     window.wait_for(lambda state: state["cursor"] == steps + 1, f"{field} to be applied in one step")
 
 
-def exported(window, path):
+def export_scene(window, path):
     """The exported splats, by an independent reader."""
     window.export(path)
     return PlyData.read(path)["vertex"].data
 
 
-def points_of(vertices, instance):
+def read_points(vertices, instance):
     part = vertices[vertices["instance_id"] == instance]
     return np.stack([part["x"], part["y"], part["z"]], axis=1).astype(float)
 
@@ -88,8 +88,8 @@ def test_a_car_is_moved_and_turned_by_handles(window, tmp_path):
     state = drag_handle(window, "z", (60, 0))
     camera = state["camera"]["world_from_camera"]
     assert np.allclose(camera, scene.views[0].camera.world_from_camera), "handles do not turn the camera"
-    vertices = exported(window, tmp_path / "moved.ply")
-    after = points_of(vertices, BLUE_CAR)
+    vertices = export_scene(window, tmp_path / "moved.ply")
+    after = read_points(vertices, BLUE_CAR)
     turn, miss = turn_between(before, after)
     assert miss < 1e-3, "the car stays the same car"
     np.testing.assert_allclose(turn[2], [0, 0, 1], atol=1e-5)
@@ -156,7 +156,7 @@ def test_of_a_driving_car_the_whole_track_is_moved(window):
     for field, value in (("x", "0.5"), ("z", "2")):
         type_into(window, field, value)
     for now in (0.0, 0.5):
-        place = track.pose_at(now)[:3, 3]
+        place = track.interpolate_pose(now)[:3, 3]
         expected = window.pixel_of((0.5, place[1], 2.0))
         assert window.wait_for_widget("gizmo.center") == pytest.approx(expected, abs=1.0)
         window.key("Right")
@@ -164,5 +164,5 @@ def test_of_a_driving_car_the_whole_track_is_moved(window):
     window.key("ctrl+z")
     window.key("ctrl+z")
     window.wait_for(lambda state: state["cursor"] == 1, "undo")
-    expected = window.pixel_of(track.pose_at(1.0)[:3, 3])
+    expected = window.pixel_of(track.interpolate_pose(1.0)[:3, 3])
     assert window.wait_for_widget("gizmo.center") == pytest.approx(expected, abs=1.0)

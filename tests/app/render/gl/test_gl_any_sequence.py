@@ -68,7 +68,7 @@ def step(rng, document, state):
             return  # not every edit fits every scene, and then nothing has changed
 
 
-def shown_and_gone(gl):
+def list_shown_and_gone(gl):
     """The driver keeps the program used last until the next one: make it the same one each time."""
     document = Document(procedural_street(spacing=0.6))
     renderer = GlRenderer(gl, document)
@@ -83,7 +83,7 @@ def test_following_is_as_good_as_starting_afresh(gl, monkeypatch, seed):
     document = Document(procedural_street(spacing=0.6))
     document.open_scene = lambda path: random_scene(count=60, degree=1, seed=3)
     state = EditorState(viewpoint=camera.view_from_camera(document.scene.views[0]))
-    shown_and_gone(gl)
+    list_shown_and_gone(gl)
     alive = count_live_objects()
     renderer, picker = GlRenderer(gl, document), Picker()
     for number in range(120):
@@ -106,5 +106,5 @@ def test_following_is_as_good_as_starting_afresh(gl, monkeypatch, seed):
     assert document.versions.rows > 5
     renderer.release()
     assert gl.error == "GL_NO_ERROR"
-    shown_and_gone(gl)
+    list_shown_and_gone(gl)
     assert count_live_objects() == alive

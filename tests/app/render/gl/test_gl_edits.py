@@ -104,7 +104,7 @@ def look(renderer, snapshot):
     return renderer.read_blended(), renderer.read_instance_ids(snapshot)
 
 
-def drawn_afresh(gl, document, snapshot):
+def draw_afresh(gl, document, snapshot):
     renderer = GlRenderer(gl, document)
     pictures = look(renderer, snapshot)
     renderer.release()
@@ -127,9 +127,9 @@ def test_an_edit_shows_what_baking_it_would(gl, renderer, street, edits):
         street.apply(edit)
     after = look(renderer, snapshot)
     assert any((a != b).mean() > 1e-3 for a, b in zip(after, before, strict=True)), "the edit is seen"
-    if not street.state.mask(Flag.HIDDEN).any():  # hiding is a way of looking, not part of what is exported
-        assert_same_look(after, drawn_afresh(gl, Document(bake_document(street, snapshot.time)), snapshot))
-    for one, fresh in zip(after, drawn_afresh(gl, street, snapshot), strict=True):
+    if not street.state.find_mask(Flag.HIDDEN).any():  # hiding is a way of looking, not part of what is exported
+        assert_same_look(after, draw_afresh(gl, Document(bake_document(street, snapshot.time)), snapshot))
+    for one, fresh in zip(after, draw_afresh(gl, street, snapshot), strict=True):
         np.testing.assert_array_equal(one, fresh, err_msg="what was uploaded step by step is what is there")
     for _ in edits:
         street.undo()
@@ -149,7 +149,7 @@ def test_edited_tracks_hold_at_every_time(gl, renderer, street):
     for time in (0.0, 1.25, 3.0, 0.0):
         state.time = time
         snapshot = resolve(state, *SIZE)
-        assert_same_look(look(renderer, snapshot), drawn_afresh(gl, Document(bake_document(street, time)), snapshot))
+        assert_same_look(look(renderer, snapshot), draw_afresh(gl, Document(bake_document(street, time)), snapshot))
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.6])
@@ -159,7 +159,7 @@ def test_a_moved_car_seen_from_the_same_side_looks_the_same(renderer, street, sc
     state = state_at(street, 0, show_sky=False)
     before, ids = look(renderer, resolve(state, *SIZE))
     move = MoveInstances((BLUE_CAR,), (5.0, -3.0, 1.0), rotation=TURN, scale=scale)
-    matrix = move.matrix(street)
+    matrix = move.compute_matrix(street)
     street.apply(move)
     pose = state.viewpoint.world_from_camera.copy()
     pose[:3, 3] = matrix[:, :3] @ pose[:3, 3] + matrix[:, 3]
@@ -183,12 +183,12 @@ def test_rows_beyond_the_first_texture_row_and_beyond_its_spare_are_kept(gl):
         document.apply(DuplicateInstances((ROAD, BLUE_CAR, HOUSES), (0.0, 0.5 * step, 0.2)))
         look(renderer, snapshot)
     assert len(document.scene) * 3 > 2 * WIDTH
-    for one, fresh in zip(look(renderer, snapshot), drawn_afresh(gl, document, snapshot), strict=True):
+    for one, fresh in zip(look(renderer, snapshot), draw_afresh(gl, document, snapshot), strict=True):
         np.testing.assert_array_equal(one, fresh)
     for _ in range(12):
         document.undo()
     document.apply(DuplicateInstances((FIRST_CAR,), (1.0, 0.0, 0.0)))
-    for one, fresh in zip(look(renderer, snapshot), drawn_afresh(gl, document, snapshot), strict=True):
+    for one, fresh in zip(look(renderer, snapshot), draw_afresh(gl, document, snapshot), strict=True):
         np.testing.assert_array_equal(one, fresh)
     renderer.release()
 

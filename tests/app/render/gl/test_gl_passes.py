@@ -48,20 +48,20 @@ def cpu_frame(document, snapshot, rule=NEAREST_SOLID):
     return render_preview(*shape, colors, snapshot.camera, rule=rule)
 
 
-def edited(document):
+def edit_street(document):
     document.apply(RecolorInstances((FIRST_CAR + 1,), "tint", (0.9, 0.4, 0.1)))
     document.apply(RecolorInstances((ROAD,), "solid", (0.2, 0.3, 0.2)))
     document.apply(DeleteInstances((FIRST_CAR,)))
 
 
 @pytest.mark.parametrize("index", [0, 3, 6])
-@pytest.mark.parametrize("change", [lambda document: None, edited], ids=["as trained", "edited"])
+@pytest.mark.parametrize("change", [lambda document: None, edit_street], ids=["as trained", "edited"])
 def test_color_equals_the_cpu_rasterizer(renderer, street, index, change):
     change(street)
     snapshot = resolve(state_at(street, index), *SIZE)
     renderer.render(snapshot)
     frame = cpu_frame(street, snapshot)
-    sky = street.scene.sky.colors(snapshot.camera.ray_directions())
+    sky = street.scene.sky.sample(snapshot.camera.compute_ray_directions())
     expected = np.concatenate([frame.color + (1 - frame.alpha[..., None]) * sky, frame.alpha[..., None]], axis=2)
     error = np.abs(renderer.read_blended() - expected)
     assert error.mean() < 1e-4

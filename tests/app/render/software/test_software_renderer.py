@@ -48,7 +48,7 @@ def state_at(document, index=0, **changes):
     return EditorState(viewpoint=camera.view_from_camera(view), time=view.time, **changes)
 
 
-def snapshot_of(document, index=0, **changes):
+def take_snapshot(document, index=0, **changes):
     return resolve(state_at(document, index, **changes), *SIZE)
 
 
@@ -87,13 +87,13 @@ CHANGES = {
 
 @pytest.mark.parametrize("index", [0, 3, 6])
 def test_the_picture_is_that_of_the_opengl_pass(pair, street, index):
-    shown = assert_same_picture(pair, snapshot_of(street, index))
+    shown = assert_same_picture(pair, take_snapshot(street, index))
     assert shown.std() > 20
 
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_the_picture_follows_each_edit_and_its_undoing(pair, street, change):
-    snapshot = snapshot_of(street)
+    snapshot = take_snapshot(street)
     before = pictures(pair, snapshot)[1]
     change(street)
     shown = assert_same_picture(pair, snapshot)
@@ -114,14 +114,14 @@ def test_the_picture_follows_the_drive(pair, street):
 
 @pytest.mark.parametrize("sky", [True, False])
 def test_depth_and_the_backdrop_agree(pair, street, sky):
-    assert_same_picture(pair, snapshot_of(street, show_sky=sky))
-    assert_same_picture(pair, snapshot_of(street, 2, view_mode=ViewMode.DEPTH, show_sky=sky))
+    assert_same_picture(pair, take_snapshot(street, show_sky=sky))
+    assert_same_picture(pair, take_snapshot(street, 2, view_mode=ViewMode.DEPTH, show_sky=sky))
     assert pair[0].depth_range == pair[1].depth_range
 
 
 @pytest.mark.parametrize("mode", [ViewMode.INSTANCE, ViewMode.CODEWORD])
 def test_flat_views_decode_to_the_ids_that_clicks_find(software, street, mode):
-    snapshot = snapshot_of(street, 1, view_mode=mode)
+    snapshot = take_snapshot(street, 1, view_mode=mode)
     software.render(snapshot)
     ids = street.scene.instance_ids if mode is ViewMode.INSTANCE else street.scene.codewords
     expected = np.append(np.uint32(0), ids)[software.read_rows(snapshot)]
@@ -130,11 +130,11 @@ def test_flat_views_decode_to_the_ids_that_clicks_find(software, street, mode):
 
 
 def test_the_picked_instance_is_that_of_the_id_view_at_500_pixels(software, street):
-    snapshot = snapshot_of(street, view_mode=ViewMode.INSTANCE)
+    snapshot = take_snapshot(street, view_mode=ViewMode.INSTANCE)
     software.render(snapshot)
     shown, picker = ids_from_colors(software.read_picture()), Picker()
     rng = np.random.default_rng(6)
-    for x, y in zip(rng.integers(0, SIZE[0], 500), rng.integers(0, SIZE[1], 500), strict=True):
+    for x, y in zip(rng.integers(0, SIZE[0], 500).tolist(), rng.integers(0, SIZE[1], 500).tolist(), strict=True):
         row = software.shown.read_row_at(x, y)
         picked = int(street.scene.instance_ids[row]) if row >= 0 else 0
         below = picker.find_instances_at(street, snapshot, float(x), float(y))
@@ -142,34 +142,34 @@ def test_the_picked_instance_is_that_of_the_id_view_at_500_pixels(software, stre
 
 
 def test_flat_views_follow_merged_instances_and_the_opacity_asked_for(software, street):
-    snapshot = snapshot_of(street, view_mode=ViewMode.INSTANCE)
+    snapshot = take_snapshot(street, view_mode=ViewMode.INSTANCE)
     assert (software.read_instance_ids(snapshot) == FIRST_CAR).any()
     street.apply(MergeInstances((FIRST_CAR,), BLUE_CAR))
     assert not (software.read_instance_ids(snapshot) == FIRST_CAR).any()
-    strict = snapshot_of(street, view_mode=ViewMode.INSTANCE, id_opacity=0.95)
+    strict = take_snapshot(street, view_mode=ViewMode.INSTANCE, id_opacity=0.95)
     assert (software.read_rows(strict) != software.read_rows(snapshot)).any()
 
 
 def test_outlines_follow_selection_and_hovering_without_blending_anew(software, street):
-    software.render(snapshot_of(street))
-    plain, winner = software.read_picture(), software.read_instance_ids(snapshot_of(street))
+    software.render(take_snapshot(street))
+    plain, winner = software.read_picture(), software.read_instance_ids(take_snapshot(street))
     blended = software.frame_seconds
-    software.render(snapshot_of(street, hovered=BLUE_CAR))
+    software.render(take_snapshot(street, hovered=BLUE_CAR))
     hovered = software.read_picture()
     line = (hovered != plain).any(axis=2)
     assert line.any()
     assert not line[winner == BLUE_CAR].any()
     street.apply(SelectInstances((FIRST_CAR,)))
-    software.render(snapshot_of(street))
+    software.render(take_snapshot(street))
     tinted = (software.read_picture() != plain).any(axis=2)
     assert tinted[winner == FIRST_CAR].mean() > 0.95
-    software.render(snapshot_of(street, show_outlines=False))
+    software.render(take_snapshot(street, show_outlines=False))
     np.testing.assert_array_equal(software.read_picture(), plain)
     assert software.frame_seconds == blended, "nothing was blended since"
 
 
 def test_a_draft_is_smaller_and_nearly_the_same_and_cannot_be_clicked(software, street):
-    sharp, draft = snapshot_of(street), resolve(state_at(street), *SIZE, draft=True)
+    sharp, draft = take_snapshot(street), resolve(state_at(street), *SIZE, draft=True)
     software.render(sharp)
     full = software.read_picture().astype(float)
     software.render(draft)
@@ -180,7 +180,7 @@ def test_a_draft_is_smaller_and_nearly_the_same_and_cannot_be_clicked(software, 
 
 
 def test_a_frame_shown_can_be_asked_for_and_one_of_other_rows_cannot_be_clicked(software, street):
-    software.render(snapshot_of(street))
+    software.render(take_snapshot(street))
     assert software.shown.read_row_at(150, 150) >= 0
     assert software.read_row_at(software.shown, 150, 150) == software.shown.read_row_at(150, 150), "asked for once more"
     street.apply(DuplicateInstances((BLUE_CAR,), (-3.0, 2.0, 0.0)))

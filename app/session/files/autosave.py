@@ -1,4 +1,4 @@
-"""The open document's recovery journal, and what editors that died have left."""
+"""The recovery journal of the open document, and the work of editors that ended without saving."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from instdrive_core.project.save import ProjectState
 
 
 class Autosave:
-    """Follows one document at a time. What goes wrong is told once; editing goes on without."""
+    """Journals the edits of one document at a time. A problem is reported once; editing goes on without a journal."""
 
     def __init__(self, report_error: Callable[[str], None]) -> None:
         self._report_error = report_error
         self._recovery: Recovery | None = None
         self.recoverable: list[RecoverableSession] = []
-        """What the user is asked about."""
+        """Work that the user is asked about."""
 
     def follow(self, document: Document, path: Path, restored: RestoredSession | None = None) -> None:
-        """Keep the edits of a document that was opened from `path`, or restored; no longer those of the one before."""
+        """Journal the edits of a document opened from `path`, or restored, instead of those of the one before."""
         self.end()
         try:
             self._recovery = Recovery.begin(document, path, restored=restored)
@@ -30,7 +30,7 @@ class Autosave:
             self._report_error(str(error))
 
     def tick(self) -> None:
-        """Once a frame: note what is new."""
+        """Record new edits; called once a frame."""
         if self._recovery is None:
             return
         self._recovery.record()
@@ -39,12 +39,12 @@ class Autosave:
             self._report_error(str(problem))
 
     def note_save(self, path: Path, state: ProjectState) -> None:
-        """The document's project was written."""
+        """Note that the document's project was written."""
         if self._recovery is not None:
             self._recovery.mark_saved(path, state)
 
     def discard(self, session: RecoverableSession) -> None:
-        """Remove what a dead editor left, for good."""
+        """Delete the work of an editor that ended without saving, for good."""
         self.forget(session)
         try:
             discard_session(session)
@@ -52,11 +52,11 @@ class Autosave:
             self._report_error(str(error))
 
     def forget(self, session: RecoverableSession) -> None:
-        """Ask no longer about a session; it is offered again by the next editor."""
+        """Ask no more about a session; the next editor offers it again."""
         self.recoverable = [other for other in self.recoverable if other is not session]
 
     def end(self) -> None:
-        """The document is closed by the user's will."""
+        """Remove the journal, since the user has closed the document."""
         if self._recovery is not None:
             self._recovery.end()
             self._recovery = None

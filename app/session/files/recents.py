@@ -1,4 +1,4 @@
-"""The scenes and projects opened last, kept from one session to the next."""
+"""The scenes and projects opened last, remembered from session to session."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from pathlib import Path
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
 
-KEPT = 10
+MAX_RECENTS = 10
 _log = logging.getLogger(__name__)
 
 
 class RecentFiles:
-    """The newest first. A list that cannot be read or written is no reason to bother anybody: it is logged."""
+    """A list in a file, newest first. Where it cannot be read or written, that is only logged."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """Those that are still there."""
+        """The paths that still exist, newest first."""
         return tuple(path for path in self._read_list() if os.path.exists(path))
 
     def add(self, path: Path) -> None:
-        """Put a path at the top."""
+        """Put a path at the top of the list."""
         path = path.absolute()
-        listed = [path, *(other for other in self._read_list() if other != path)][:KEPT]
+        listed = [path, *(other for other in self._read_list() if other != path)][:MAX_RECENTS]
         try:
             write_bytes(self._file, json.dumps([str(entry) for entry in listed], indent=1).encode())
         except DataError:
             _log.warning("the list of recent files was not written", exc_info=True)
 
     def clear(self) -> None:
-        """Forget all."""
+        """Empty the list."""
         self._file.unlink(missing_ok=True)
 
     def _read_list(self) -> list[Path]:

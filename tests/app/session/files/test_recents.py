@@ -3,21 +3,21 @@
 import numpy as np
 import pytest
 
-from instdrive_app.session.recents import KEPT, RecentFiles
+from instdrive_app.session.files.recents import MAX_RECENTS, RecentFiles
 from instdrive_app.session.view_memory import restore_view, store_view
 from instdrive_app.state import ViewMode
 
 
 def test_the_newest_comes_first_and_what_is_gone_is_left_out(tmp_path):
     recents = RecentFiles(tmp_path / "state" / "recent.json")
-    files = [tmp_path / f"{number}.ply" for number in range(KEPT + 3)]
+    files = [tmp_path / f"{number}.ply" for number in range(MAX_RECENTS + 3)]
     for file in files:
         file.write_bytes(b"")
         recents.add(file)
     assert recents.paths == tuple(reversed(files[3:]))
     recents.add(files[5])
     assert recents.paths[0] == files[5]
-    assert len(set(recents.paths)) == KEPT
+    assert len(set(recents.paths)) == MAX_RECENTS
     files[5].unlink()
     assert RecentFiles(tmp_path / "state" / "recent.json").paths[0] == files[-1]
     recents.clear()

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_app.files.file_names import find_name_problem
-from instdrive_app.session.autosave import Autosave
 from instdrive_app.session.context import SessionContext
-from instdrive_app.session.opening import OpenedDocument, open_for_editing, recover_for_editing
-from instdrive_app.session.recents import RecentFiles
+from instdrive_app.session.files.autosave import Autosave
+from instdrive_app.session.files.opening import OpenedDocument, open_for_editing, recover_for_editing
+from instdrive_app.session.files.recents import RecentFiles
 from instdrive_app.session.requests import (
     AskChangedScene,
     AskOtherSave,

@@ -1,4 +1,4 @@
-"""What is read when a scene or project is opened: all in one go, beside the window."""
+"""Opening scenes, projects and recovered work; runs on a background thread."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class OpenedDocument:
     document: Document
     path: Path
     view: dict[str, Any] | None = None
-    """How the user looked at it when the project was saved."""
+    """The user's view when the project was saved."""
     notes: tuple[str, ...] = ()
     """What the user should know about the project."""
     defects: tuple[Defect, ...] = ()
-    """What is odd about the scene's splats."""
+    """What is wrong with the scene's splats."""
     restored: RestoredSession | None = None
-    """Where the document was recovered from a dead editor."""
+    """The recovered work, where the document comes from an editor that ended without saving."""
 
 
 def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int = 1) -> OpenedDocument:
-    """Open a scene file, a run folder or a project, and look for odd splats.
+    """Open a scene file, a run folder or a project, and look for defective splats.
 
     `accept_changed` opens a project also where its scene is no longer the one that was edited, `keep_every` = k every
     k-th splat of a scene. Raises DataError; SceneChangedError where the scene of a project has changed,
@@ -47,7 +47,7 @@ def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int =
             document, view = open_document(path, keep_every=keep_every)
             if keep_every > 1:
                 every = f"Every {format_ordinal(keep_every)} splat"
-                notes = (f"{every} was opened, each made larger: {len(document.scene):,} in all",)
+                notes = (f"{every} was opened and made larger: {len(document.scene):,} in all",)
     document.count_states()  # builds the index of instances here, so that the first click finds it built
     report(0.95)
     defects = tuple(defect for defect in find_defects(document.scene) if len(defect.rows))
@@ -55,9 +55,10 @@ def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int =
 
 
 def recover_for_editing(session: RecoverableSession, accept_changed: bool = False) -> OpenedDocument:
-    """Open a scene and do the edits again that a dead editor has left; `accept_changed` as for `open_for_editing`.
+    """Open a scene and replay the edits of an editor that ended without saving.
 
-    Raises DataError, SceneChangedError where the scene has changed.
+    `accept_changed` opens it also where the scene is no longer the one that was edited; else SceneChangedError is
+    raised. Raises DataError.
     """
     found = restore_session(session, accept_changed)
     found.document.count_states()

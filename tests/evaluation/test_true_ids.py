@@ -1,4 +1,4 @@
-"""The oracle finds each Gaussian's true ID from labelled pixels, whatever IDs the scene carries."""
+"""The reference gives each Gaussian's true ID from labelled pixels, whatever IDs the scene carries."""
 
 from dataclasses import replace
 
