@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import UInt32
@@ -26,6 +26,7 @@ from instdrive_core.masks.label_source import LabelSource
 FaultModel = Literal["sam-v1", "sam-v2", "sam-v2-mild", "sam-v2-strong"]
 
 
+@runtime_checkable
 class FaultySource(Protocol):
     """Makes a photo's masks with faults."""
 
