@@ -31,6 +31,10 @@ COMMANDS = {
     "masks": CliCommand(
         "instdrive_core.cli.masks:create_masks", "Write instance masks for the training photos of a clip."
     ),
+    "tracks": CliCommand(
+        "instdrive_core.cli.tracks:tracks",
+        "Find what moves in a clip's LiDAR sweeps, without cuboids or classes.",
+    ),
     "train": CliCommand("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
     "eval": CliCommand("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
     "compare": CliCommand("instdrive_core.cli.compare:compare", "Put measured runs side by side."),

@@ -28,8 +28,8 @@ class FrameRenderer(Protocol):
     """Seconds that the last frame took which had to be blended."""
 
     @property
-    def picture(self) -> moderngl.Texture:
-        """The newest frame, RGBA8, row 0 at the top."""
+    def picture(self) -> moderngl.Texture | None:
+        """The newest frame, RGBA8, row 0 at the top; None before the first."""
         ...
 
     @property

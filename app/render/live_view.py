@@ -78,6 +78,7 @@ class LiveView:
         self.snapshot = shown if same_size else None
         if shown is not None and not shown.draft:
             self._sharp_seconds = renderer.frame_seconds
+        assert renderer.picture is not None, "a frame was just drawn"
         return renderer.picture
 
     def measure_depth_at(self, x: float, y: float) -> float | None:

@@ -44,7 +44,7 @@ class TrackerConfig:
 class MaskTracks:
     """An ID for every mask of every view."""
 
-    by_view: tuple[Int64[ndarray, " m"], ...]
+    by_view: tuple[Int64[ndarray, " _"], ...]
     """Track of each segment of each cached view, -1 = none."""
     count: int
     """K: tracks are numbered 0 … K - 1."""
@@ -98,7 +98,7 @@ def track_masks(model: SceneModel, store: ViewStore, cached: list[CachedView], c
     """Track all masks; the same input gives the same IDs."""
     order = sorted(range(len(cached)), key=lambda i: (store.facts[cached[i].number].step, cached[i].number))
     tracks, views = _Tracks(), {}
-    chosen: list[Int64[ndarray, " m"]] = [np.zeros(0, np.int64)] * len(cached)
+    chosen: list[Int64[ndarray, " _"]] = [np.zeros(0, np.int64)] * len(cached)
     for number in order:
         view = views[number] = _observe_view(model, store, cached[number])
         views = {i: v for i, v in views.items() if v.step >= view.step - config.memory or _is_latest(i, tracks)}
@@ -180,7 +180,7 @@ def _assign_tracks(scores: Float64[ndarray, "t m"], min_iou: float) -> Int64[nda
     return chosen
 
 
-def _renumber_tracks(chosen: list[Int64[ndarray, " m"]], masks: Int64[ndarray, " t"], min_views: int) -> MaskTracks:
+def _renumber_tracks(chosen: list[Int64[ndarray, " _"]], masks: Int64[ndarray, " t"], min_views: int) -> MaskTracks:
     """Number the tracks with enough masks 0 … K - 1. Where a scene has none of them, all count."""
     kept = masks >= min_views if (masks >= min_views).any() else masks > 0
     numbers = np.where(kept, np.cumsum(kept) - 1, -1)

@@ -38,7 +38,7 @@ class MaskMembers:
 
     @staticmethod
     def from_pixels(
-        photos: Iterable[tuple[Integer[ndarray, " p"], Integer[ndarray, " p"]]], count: int, share: float
+        photos: Iterable[tuple[Integer[ndarray, " _"], Integer[ndarray, " _"]]], count: int, share: float
     ) -> MaskMembers:
         """Count members from the top contributor and the mask of each pixel.
 
@@ -75,7 +75,7 @@ def find_mask_members(model: SceneModel, store: ViewStore, min_alpha: float, sha
 
 def _find_shown(
     model: SceneModel, store: ViewStore, min_alpha: float
-) -> Iterator[tuple[Int64[ndarray, " p"], Int64[ndarray, " p"]]]:
+) -> Iterator[tuple[Int64[ndarray, " _"], Int64[ndarray, " _"]]]:
     """Find the top contributor and the mask of each pixel, one view after the other."""
     for number in range(len(store)):
         store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(store)))])

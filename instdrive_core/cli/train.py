@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from tyro.conf import Positional, arg
@@ -24,6 +24,7 @@ def train(
     init: Path | None = None,
     freeze_geometry: bool = False,
     static: bool = False,
+    tracks: Literal["none", "annotated", "found"] | None = None,
     device: Device = "auto",
     options: Annotated[ClipOptions, tyro.conf.OmitArgPrefixes] = ClipOptions(),  # noqa: B008 (frozen)
 ) -> None:
@@ -41,6 +42,8 @@ def train(
         init: Start from this scene file or run instead of LiDAR points.
         freeze_geometry: Keep the Gaussians of --init as they are and learn instances only.
         static: Treat everything as background, also what moves.
+        tracks: Where moving objects are taken from: `annotated` (cuboids), `found` (in the LiDAR sweeps, no labels)
+            or `none`; default: annotated where the clip has cuboids, else found where it has LiDAR.
         device: `cuda` trains on an NVIDIA GPU with gsplat; `auto` does where both are there.
         options: Which part of the clip to use.
     """
@@ -54,6 +57,6 @@ def train(
     if freeze_geometry:
         config = keep_geometry(config)
     train_with_progress(
-        RunRequest(clip, out, options, config, masks, resume, init, device, find_learner(method, preset))
+        RunRequest(clip, out, options, config, masks, resume, init, device, find_learner(method, preset), tracks)
     )
     print(f"trained scene: {out} (open it with: instdrive edit {out})")

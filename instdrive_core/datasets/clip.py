@@ -50,6 +50,8 @@ class SweepPoints:
     """Semantic class per point; None where the clip has none."""
     instance_labels: UInt32[ndarray, " n"] | None = None
     """Exact instance per point (synthetic clips only, for evaluation)."""
+    times: Float64[ndarray, " n"] | None = None
+    """When each point was measured, seconds as the clip counts them; None where the clip does not say."""
 
 
 @dataclass(frozen=True)

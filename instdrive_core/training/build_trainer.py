@@ -93,7 +93,7 @@ def add_first_features(gaussians: Gaussians, config: InstanceConfig, seed: int) 
     return replace(gaussians, features=features.astype(np.float32))
 
 
-def move_to_origin(scene: Scene, origin: Float32[ndarray, "3"]) -> Gaussians:
+def move_to_origin(scene: Scene, origin: Float64[ndarray, "3"]) -> Gaussians:
     """Copy the scene's Gaussians, moved to another origin; actors' Gaussians live in their boxes and stay."""
     gaussians = scene.gaussians.copy()
     shift = (scene.origin - origin).astype(np.float32)

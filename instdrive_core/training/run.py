@@ -20,6 +20,7 @@ from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.masks.making import ensure_masks
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.track import Track
+from instdrive_core.tracks.choice import TrackSource, with_tracks
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.device import choose_backend
 from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene, resume_trainer
@@ -58,6 +59,8 @@ class RunRequest:
     device: Device = "auto"
     learner: InstanceLearner | None = None
     """Learns instances in place of the trainer's instance stage (baselines)."""
+    tracks: TrackSource | None = None
+    """Where moving objects are taken from; None = cuboids where the clip has some, else found in its sweeps."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,7 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
         raise DataError(request.clip, "no photo of a training time step was found", "Check cameras and frame range.")
     check_training_memory(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
+    clip = with_tracks(clip, request.tracks, out, notes.add)
     notes.add(
         f"{len(clip.training_frames)} training photos, {len(clip.held_out_frames)} held out; "
         + (f"masks: {masks.source}" if masks else "no masks: training RGB only")
@@ -142,11 +146,11 @@ def _export_exposures(trainer: Trainer) -> Exposures | None:
 
 def _note_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:
     if not clip.tracks:
-        on_note("no cuboids: a static scene, moving objects will blur")
+        on_note("no cuboids and no found tracks: a static scene, moving objects will blur")
     elif not config.init.moving_actors:
         on_note("static-only: moving objects stay in the background and will blur")
     elif not any(track.moving for track in clip.tracks):
-        on_note(f"{len(clip.tracks)} cuboid tracks, none of which moves: a static scene")
+        on_note(f"{len(clip.tracks)} tracks, none of which moves: a static scene")
 
 
 def _note_movers_without_node(
@@ -215,6 +219,7 @@ def _collect_facts(
         "clip": str(request.clip.resolve()),
         **asdict(request.options),
         "masks": masks.source if masks else None,
+        "tracks": request.tracks,
         "method": config.method,
         "preset": config.preset,
         "seed": config.seed,

@@ -73,3 +73,8 @@ def test_objects_that_are_gone_by_then_are_left_out(clip):
     points = world_points(replace(clip, tracks=tracks), 3)
     np.testing.assert_allclose(points[:3], sweep_at(2)[0][:3], atol=1e-4)
     assert np.linalg.norm(points[3:] - moving_position(2), axis=1).min() > 2
+
+
+def test_points_keep_their_times(clip):
+    sweep = clip.sweeps[0]
+    np.testing.assert_allclose(sweep.load().times, sweep.time, atol=1e-6)

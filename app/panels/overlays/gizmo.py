@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from imgui_bundle import imgui, imguizmo  # pyright: ignore[reportMissingModuleSource]
+from imgui_bundle import imgui, imguizmo
 from jaxtyping import Float64
 from numpy import ndarray
 

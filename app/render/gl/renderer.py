@@ -49,10 +49,9 @@ class GlRenderer:
         """The snapshot that `picture` was drawn for; None before the first frame."""
 
     @property
-    def picture(self) -> moderngl.Texture:
-        """The last frame, RGBA8, row 0 at the top."""
-        assert self._targets is not None, "render was never called"
-        return self._targets.shown
+    def picture(self) -> moderngl.Texture | None:
+        """The last frame, RGBA8, row 0 at the top; None before the first."""
+        return None if self._targets is None else self._targets.shown
 
     @property
     def depth_range(self) -> tuple[float, float]:
@@ -130,6 +129,7 @@ class GlRenderer:
 
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:
         """The last frame as RGB."""
+        assert self.picture is not None, "render was never called"
         pixels = np.frombuffer(self.picture.read(alignment=1), np.uint8)
         return pixels.reshape(self.picture.size[1], self.picture.size[0], 4)[..., :3].copy()
 

@@ -81,7 +81,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         raise DataError(root, problem, "Give the folder of one sequence, e.g. pandaset/002")
     if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
-    times = _read_step_times(root)
+    start, times = _read_step_times(root)
     cameras = [_load_camera(root / "camera" / name) for name in _choose_cameras(root, options.cameras)]
     last_photo = max((max(camera.photos) for camera in cameras if camera.photos), default=-1)
     if last_photo >= len(times):
@@ -108,23 +108,24 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     first, last = frames[0].view.index, frames[-1].view.index
     classes = _read_class_names(root)
     sweeps = [
-        Sweep(index, times[index], partial(load_sweep, root, index, origin))
+        Sweep(index, times[index], partial(load_sweep, root, index, origin, start))
         for index in sorted(list_numbered_files(root / "lidar"))
         if first <= index <= last
     ]
     # Where there is not one sweep, training starts as from any other photos.
     points = None if sweeps else SparsePoints.none()
+    tracks, merged = load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin)
     return Clip(
         path=str(root),
         name=root.resolve().name,
         origin=origin,
         frames=tuple(frames),
         sweeps=tuple(sweeps),
-        tracks=load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin),
+        tracks=tracks,
         class_names=classes,
         camera_names=tuple(camera.name for camera in cameras),
         points=points,
-        notes=(*notes, *(() if sweeps else (describe_start(0),))),
+        notes=(*notes, *merged, *(() if sweeps else (describe_start(0),))),
     )
 
 
@@ -139,15 +140,15 @@ def list_numbered_files(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".
     return found
 
 
-def _read_step_times(root: Path) -> list[float]:
-    """Read the seconds of all listed time steps since the first."""
+def _read_step_times(root: Path) -> tuple[float, list[float]]:
+    """Read when the first listed time step was, and the seconds of all of them since then."""
     for name in ("meta/timestamps.json", "lidar/timestamps.json", f"camera/{CAMERAS[0]}/timestamps.json"):
         file = root / name
         if file.is_file():
             times = require_numbers(file, read_json(file), "the list of timestamps")
             if not times or any(later <= earlier for earlier, later in pairwise(times)):
                 raise DataError(file, "timestamps do not rise", "Get the file again")
-            return [time - times[0] for time in times]
+            return times[0], [time - times[0] for time in times]
     raise DataError(root, "has no timestamps ('meta/timestamps.json' is missing)", "Get the sequence's JSON files")
 
 

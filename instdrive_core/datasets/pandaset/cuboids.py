@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.pandaset.lidar import FARTHEST, find_numbered_pickle
+from instdrive_core.datasets.twins import merge_twins
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.files.restricted_pickle import read_pickle
@@ -36,12 +37,17 @@ class _Cuboid:
     """uuid of the same object in the other LiDAR; '-' where there is none."""
 
 
-def load_tracks(folder: Path, indices: range, times: list[float], origin: Float64[ndarray, "3"]) -> tuple[Track, ...]:
-    """Load the tracks of the cuboids in the given time steps, relative to `origin`, each object once.
+def load_tracks(
+    folder: Path, indices: range, times: list[float], origin: Float64[ndarray, "3"]
+) -> tuple[tuple[Track, ...], tuple[str, ...]]:
+    """Load the tracks of the cuboids in the given time steps, relative to `origin`, each object once, and notes for the
+    user.
 
     An object that moves where both LiDARs see it is annotated twice, as siblings with different uuids, each where that
     LiDAR met it. Siblings become one track; in each step the spinning LiDAR's cuboid is taken if there is one, because
-    the cameras fire while that LiDAR points their way.
+    the cameras fire while that LiDAR points their way. Some versions of the annotations name few siblings or none:
+    tracks that lie in each other all the way are merged as well. Where the cuboids' LiDAR is not told either, the pose
+    of the longer track is kept.
 
     Raises DataError where a file is damaged.
     """
@@ -50,7 +56,13 @@ def load_tracks(folder: Path, indices: range, times: list[float], origin: Float6
     by_object: dict[str, dict[int, _Cuboid]] = defaultdict(dict)
     for cuboid in sorted(cuboids, key=lambda cuboid: (cuboid.sensor == 1, cuboid.uuid != identity[cuboid.uuid])):
         by_object[identity[cuboid.uuid]].setdefault(cuboid.index, cuboid)
-    return tuple(_build_track(uuid, by_object[uuid], times, origin) for uuid in sorted(by_object))
+    tracks = tuple(_build_track(uuid, by_object[uuid], times, origin) for uuid in sorted(by_object))
+    second = {uuid for uuid, found in by_object.items() if all(cuboid.sensor == 1 for cuboid in found.values())}
+    twins = merge_twins(tracks, lambda track: track.id in second)
+    note = twins.note()
+    # A pair that stands still does not move for lying a hand's breadth apart.
+    whole = tuple(replace(track, moving=track.compute_path_length() > MOVING_PATH_LENGTH) for track in twins.tracks)
+    return whole, () if note is None else (note,)
 
 
 def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:

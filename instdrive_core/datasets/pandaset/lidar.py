@@ -26,9 +26,11 @@ def find_numbered_pickle(folder: Path, index: int) -> Path | None:
     return next((file for file in candidates if file.is_file()), None)
 
 
-def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"]) -> SweepPoints:
+def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"], start: float = 0.0) -> SweepPoints:
     """Load the sweep of a time step relative to `origin`, with semantic classes and exact instances where the clip has
     them.
+
+    `start` is the moment that the clip counts its seconds from, as the sweep's column ``t`` counts.
 
     Raises DataError where a file is missing or damaged, or a value in it is not finite.
     """
@@ -47,6 +49,7 @@ def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"]) -> SweepPo
         sensor=sensor,
         classes=_load_classes(root, index, len(points)),
         instance_labels=_load_instance_labels(root, index, len(points)),
+        times=_read_numeric_column(file, table, "t") - start if "t" in table else None,
     )
 
 

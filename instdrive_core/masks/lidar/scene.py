@@ -144,7 +144,7 @@ def _cluster_sweep(one: _Standing, flat: Bool[ndarray, " n"], ground: GroundSurf
 
 
 def _gather_moving(
-    sweeps: list[_Standing], clustered: list[ClusteredSweep], moved: list[Bool[ndarray, " c"]], first: int
+    sweeps: list[_Standing], clustered: list[ClusteredSweep], moved: list[Bool[ndarray, " _"]], first: int
 ) -> dict[float, list[MovingCluster]]:
     """Gather what moves, by sweep. The second LiDAR meets moving objects at another time: its points are left out."""
     by_time: dict[float, list[MovingCluster]] = {}

@@ -100,9 +100,11 @@ def test_a_wrong_cpu_picture_and_a_bug_are_both_reported(no_torch, monkeypatch, 
     assert "CPU render does not work; OpenGL does not work" in err
 
 
-def test_a_torch_that_does_not_load_is_no_failure_of_the_editor(monkeypatch):
-    # None in its place makes an import fail.
-    monkeypatch.setitem(sys.modules, "torch", None)
+def test_a_torch_that_does_not_load_is_no_failure_of_the_editor(monkeypatch, tmp_path):
+    (tmp_path / "torch.py").write_text("raise OSError('libtorch_cpu.so: cannot open shared object file')")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in [name for name in sys.modules if name == "torch" or name.startswith("instdrive_core.training")]:
+        monkeypatch.delitem(sys.modules, name)
     text = doctor_command._describe_cuda()
     assert "torch cannot be loaded" in text
     assert "the editor does not" in text

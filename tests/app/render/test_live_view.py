@@ -92,7 +92,7 @@ def test_every_renderer_shows_picture_depth_and_instances(view, street):
     assert pixels.std() > 20
     assert view.frame_seconds > 0
     rows = view.renderer.read_rows(view.snapshot)
-    y, x = np.argwhere(rows > 0)[len(rows)]
+    y, x = np.argwhere(rows > 0)[len(rows)].tolist()
     row = int(rows[y, x]) - 1
     assert view.renderer.read_row_at(view.snapshot, x, y) == row
     place = view.snapshot.camera.camera_from_world @ np.append(street.scene.gaussians.means[row], 1)
@@ -106,7 +106,7 @@ def test_depth_follows_the_drive(view, street):
     state = state_at(street, 3)
     settle(view, street, state)
     ids = view.renderer.read_instance_ids(view.snapshot)
-    y, x = np.argwhere(ids == DRIVING_CAR).mean(axis=0).round().astype(int)
+    y, x = np.argwhere(ids == DRIVING_CAR).mean(axis=0).round().astype(int).tolist()
     assert ids[y, x] == DRIVING_CAR
     pose, _ = street.scene.find_node_poses(state.time)
     center = view.snapshot.camera.camera_from_world @ pose[street.scene.nodes.max()][:, 3]

@@ -9,7 +9,7 @@ TESTS = Path(__file__).parents[2] / "support"
 SCRIPT = """
 import numpy as np
 from random_scene import random_scene
-from instdrive_app.render.depth_order import depth_order
+from instdrive_app.render.depth_order import sort_by_depth
 from instdrive_app.render.picking import Picker
 from instdrive_app.render.warm_up import warm_up
 from instdrive_app.state import EditorState, resolve
@@ -19,18 +19,18 @@ from instdrive_core.edits.queries.region import find_rows_in_region
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.instances import neighbors, proximity
 from instdrive_core.maths import sorting
-from instdrive_core.rasterize import pixel, shown_rows
+from instdrive_core.rasterize import edited_rows, pixel_contributors
 from instdrive_core.rasterize.kernels import project
 from instdrive_core.scene import screen_region
 
-modules = (sorting, pixel, project, shown_rows, proximity, neighbors, screen_region)
+modules = (sorting, pixel_contributors, project, edited_rows, proximity, neighbors, screen_region)
 kernels = [kernel for module in modules for kernel in vars(module).values() if hasattr(kernel, "signatures")]
 assert not any(kernel.signatures for kernel in kernels)
 warm_up()
 loaded = sum(len(kernel.signatures) for kernel in kernels)
 document = Document(random_scene())
-Picker().instances_at(document, resolve(EditorState(), 640, 360), 320.0, 180.0)
-depth_order("key", document.scene.gaussians.means, np.array([0, 1, 0, 3], np.float32), 0.2)
+Picker().find_instances_at(document, resolve(EditorState(), 640, 360), 320.0, 180.0)
+sort_by_depth("key", document.scene.gaussians.means, np.array([0, 1, 0, 3], np.float32), 0.2)
 find_rows_in_region(document, resolve(EditorState(), 64, 36).camera, 0.0, np.ones((36, 64), bool))
 document.apply(SelectRows(np.arange(10)))
 document.apply(GrowSelection(0.5))

@@ -83,7 +83,7 @@ def test_one_file_is_opened_or_inserted_as_the_user_says(window, source, files):
     window.click_widget("question.Open")
     window.wait_for_widget("question.Don't save")
     assert source.drop([files / "van.ply"], PLACE)
-    state = window.wait_for_message("Please finish with the dialog that is open")
+    state = window.wait_for_message("Please close the open dialog")
     assert "question.Don't save" in state["widgets"], "what is asked stays asked"
     window.click_widget("question.Cancel")
     assert window.wait_until_calm()["unsaved"], "nothing is lost unasked"
@@ -103,7 +103,7 @@ def test_several_files_are_inserted_side_by_side_and_what_cannot_be_is_told(wind
     assert state["history"] == ["Insert car.ply", f"Insert {HARD_NAME}", "Insert van.ply"]
     assert len(state["selected"]) == 3, "all are taken in hand"
     told = "\n".join(state["messages"])
-    assert "notes.txt is no scene" in told
+    assert "notes.txt is not a scene" in told
     assert f"{files / 'broken.ply'}: " in told
     assert window.quit() == 0
 

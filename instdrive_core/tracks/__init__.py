@@ -1,0 +1,1 @@
+"""Moving objects found in LiDAR sweeps without labels."""

@@ -1,0 +1,73 @@
+"""The box of a thing, from its points in its own frame: what was not seen is taken to be as long as such things are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+TRIM = 0.6
+"""Percent of the points beyond each face that do not count."""
+TALL = 2.3
+"""Metres: higher vehicles are vans, buses and lorries."""
+CAR, VAN = (4.6, 1.88), (6.0, 2.4)
+"""Length and width in metres of what was seen in part only."""
+TWO_WHEELER, PERSON = (1.8, 0.7), (0.6, 0.6)
+PERSON_LENGTH, PERSON_WIDTH, PERSON_HEIGHTS = 1.25, 1.1, (0.9, 2.2)
+"""Metres that a person's points measure at most, and the heights between which they end."""
+NARROW, SHORT = 1.15, 2.6
+"""Metres: what is narrower and shorter runs on two wheels."""
+GROWN = 0.05
+"""Metres by which a box is larger than the points that were met on its faces."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in a thing's frame, standing on the ground."""
+
+    center: Float64[ndarray, "2"]
+    """Along the heading and to its left, metres."""
+    length: float
+    width: float
+    height: float
+    label: str
+    """As PandaSet calls such things."""
+
+
+def fit_box(points: Float64[ndarray, "n 3"], views: Float64[ndarray, "v 2"]) -> Box:
+    """The box of a thing.
+
+    Args:
+        points: in its frame, z above the ground, metres.
+        views: where the sensors were in its frame, metres.
+    """
+    low, high = np.percentile(points, TRIM, axis=0), np.percentile(points, 100 - TRIM, axis=0)
+    low[:2] -= GROWN / 2
+    high[:2] += GROWN / 2
+    label, typical = kind_of(high[:2] - low[:2], float(high[2]))
+    for axis in range(2):
+        missing = typical[axis] - (high[axis] - low[axis])
+        if missing <= 0:
+            continue
+        front, back = views[:, axis] > high[axis], views[:, axis] < low[axis]
+        share = 0.5 if front.sum() == back.sum() else float(front.mean() > back.mean())
+        low[axis] -= missing * share
+        high[axis] += missing * (1 - share)
+    size = high - low
+    return Box((low[:2] + high[:2]) / 2, float(size[0]), float(size[1]), max(float(high[2]), 0.5), label)
+
+
+def kind_of(size: Float64[ndarray, "2"], height: float) -> tuple[str, tuple[float, float]]:
+    """What a thing is, by the extent of its points along and across its heading and by its height, and how long and
+    wide such things are at least."""
+    length, width = float(size[0]), float(size[1])
+    shortest, tallest = PERSON_HEIGHTS
+    if max(length, width) < PERSON_LENGTH and min(length, width) < PERSON_WIDTH and shortest < height < tallest:
+        return "Pedestrian", PERSON
+    if width < NARROW and length < SHORT and height < tallest and length > 0.5:
+        return "Bicycle", TWO_WHEELER
+    if height > TALL:
+        return ("Bus" if length > 7.5 else "Medium-sized Truck"), VAN
+    return "Car", CAR

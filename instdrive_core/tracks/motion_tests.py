@@ -1,0 +1,123 @@
+"""Whether a followed thing really moves: its points coincide when its motion is taken off, and not otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.tracks.linking import Chain
+from instdrive_core.tracks.nearest import nearest_distances, spread_sample
+from instdrive_core.tracks.observations import Observation
+from instdrive_core.tracks.starts import linked_places, middles, smooth
+from instdrive_core.tracks.sweep_clouds import SweepCloud
+from instdrive_core.tracks.trajectory import Trajectory
+
+MIN_SWEEPS = 5
+MIN_WAY = 1.0
+"""Metres of travel."""
+MIN_STRAIGHTNESS = 0.6
+"""Net way as a share of the path."""
+MAX_ROUGHNESS, ROUGHNESS_SHARE = 0.3, 0.015
+"""Metres (root mean square) that places may lie off an even motion, and share of the speed in metres per second."""
+EGO_REACH, EGO_DRIFT = 4.0, 0.5
+"""Metres: what stays within so many of the sensor and moves against it by no more is part of the recording car."""
+LOOSE_RATIO = 0.75
+SURE_SEEN = 0.5
+"""Share of points at places seen through from which on a chain need only go somewhere: it was cut out roughly."""
+CLIP = 0.6
+"""Metres beyond which a distance between clouds counts no more."""
+APART = 1.0
+"""Metres of travel between clouds that are compared."""
+COMPARED = 24
+"""Pairs of clouds that are compared at most."""
+SAMPLE = 100
+
+
+def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
+    """The loose test: a chain's motion is even, goes somewhere, and explains its points."""
+    if len(chain.clusters) < MIN_SWEEPS:
+        return False
+    times = np.array([one.time for one in chain.clusters])
+    is_seen_through = np.mean([one.seen_through for one in chain.clusters]) > SURE_SEEN
+    passed = False
+    for places in (linked_places(chain), middles(chain)):
+        way = float(np.linalg.norm(places[-1] - places[0]))
+        path_of = smooth(times, places)
+        knots = path_of.knots[:, :2]
+        path = float(np.linalg.norm(np.diff(knots, axis=0), axis=1).sum())
+        if max(way, path_of.farthest_way()) < MIN_WAY or path_of.farthest_way() < MIN_STRAIGHTNESS * path:
+            continue
+        off = np.linalg.norm(path_of.poses_at(times)[:, :2] - places, axis=1)
+        speed = path / max(times[-1] - times[0], 0.1)
+        slack = 2 if is_seen_through else 1
+        if np.sqrt(np.mean(off**2)) > slack * (MAX_ROUGHNESS + ROUGHNESS_SHARE * speed):
+            continue
+        if moves_with_ego(times, places, clouds, [one.sweep for one in chain.clusters]):
+            return False
+        parts = [one.points for one in chain.clusters]
+        shifts = path_of.poses_at(times)[:, :2]
+        if is_seen_through or motion_ratio(parts, shifts) < LOOSE_RATIO:
+            passed = True
+            break
+    return passed
+
+
+def moves_with_ego(
+    times: Float64[ndarray, " t"], places: Float64[ndarray, "t 2"], clouds: list[SweepCloud], sweeps: list[int]
+) -> bool:
+    """Whether places stay where they are relative to the sensor, near it."""
+    ego = np.array([clouds[sweep].position[:2] for sweep in sweeps])
+    offset = places - ego
+    distance = np.linalg.norm(offset, axis=1)
+    if np.median(distance) > EGO_REACH:
+        return False
+    drift = np.linalg.norm(offset - np.median(offset, axis=0), axis=1)
+    return bool(np.median(drift) < EGO_DRIFT or np.ptp(distance) < EGO_DRIFT)
+
+
+def motion_ratio(parts: list[ndarray], places: Float64[ndarray, "c 2"], yaws: ndarray | None = None) -> float:
+    """Mean distance between clouds some way of travel apart with their motion taken off, as a share of the distance
+    without; infinity where none are so far apart.
+
+    Args:
+        parts: points of the thing by observation, metres.
+        places: where the thing is in each.
+        yaws: how it is turned in each, radians; None = never.
+    """
+    samples = [spread_sample(part, SAMPLE) for part in parts]
+    yaws = np.zeros(len(parts)) if yaws is None else yaws
+    pairs = [
+        (first, second)
+        for first in range(len(parts))
+        for second in range(len(parts))
+        if first != second and np.linalg.norm(places[second] - places[first]) >= APART
+    ]
+    if not pairs:
+        return float("inf")
+    # The nearer in time the better: things change their looks on the way.
+    pairs.sort(key=lambda pair: (abs(pair[0] - pair[1]), pair))
+    nearest = pairs[: 2 * COMPARED]
+    chosen = nearest[:: max(1, len(nearest) // COMPARED)]
+    with_motion, without = 0.0, 0.0
+    for first, second in chosen:
+        carried = carry(samples[first], places[first], yaws[first], places[second], yaws[second])
+        with_motion += np.minimum(nearest_distances(carried, samples[second]), CLIP).mean()
+        without += np.minimum(nearest_distances(samples[first], samples[second]), CLIP).mean()
+    return float(with_motion / max(without, 1e-6))
+
+
+def carry(points: ndarray, place: ndarray, yaw: float, new_place: ndarray, new_yaw: float) -> ndarray:
+    """Points moved rigidly along the ground from one pose to another."""
+    cosine, sine = np.cos(new_yaw - yaw), np.sin(new_yaw - yaw)
+    moved = np.array(points, np.float32)
+    offset = points[:, :2] - place
+    moved[:, 0] = cosine * offset[:, 0] - sine * offset[:, 1] + new_place[0]
+    moved[:, 1] = sine * offset[:, 0] + cosine * offset[:, 1] + new_place[1]
+    return moved
+
+
+def solved_ratio(observations: list[Observation], trajectory: Trajectory) -> float:
+    """`motion_ratio` of solved poses."""
+    poses = trajectory.poses_at(np.array([one.time for one in observations]))
+    return motion_ratio([one.points for one in observations], poses[:, :2], poses[:, 2])

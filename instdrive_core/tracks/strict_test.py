@@ -1,0 +1,72 @@
+"""The strict test: which solved things are movers. What stands still and is seen in part now and then moves, too, to a
+tracker; such ghosts explain their points badly, are never seen through, or measure like nothing that drives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from instdrive_core.tracks.motion_tests import EGO_DRIFT, EGO_REACH
+from instdrive_core.tracks.solved_thing import SolvedThing
+from instdrive_core.tracks.sweep_clouds import SweepCloud
+
+MAX_RATIO, SURE_SEEN, SURE_RATIO = 0.5, 0.5, 0.72
+"""Greatest `motion_ratio`; what was seen through at so many of its places may have the greater one: slow things overlap
+themselves a metre on."""
+MIN_WAY = 0.9
+"""Metres between its two farthest places."""
+SEEN = 0.1
+"""Share of points at places seen through below which more is asked of a thing."""
+FEW_SEEN, SURE_MOTION = 0.02, 0.35
+"""What walks along a wall is seldom seen through: so many points suffice if no more of its distances are left."""
+UNSEEN_WAY = 5.0
+"""Metres that a thing must travel whose places nobody saw through: far edges of parked cars creep less."""
+NEAR = 30.0
+"""Metres within which a mover is seen through, as beams are dense there."""
+FLAT, FLAT_REACH = 0.35, 40.0
+"""Metres that a thing nearer than so many metres rises from its lowest to its highest point at least."""
+THIN = 0.3
+"""Metres along and across: thinner things are posts and edges unless others saw through their places."""
+MAX_LENGTH, MAX_WIDTH = 19.0, 3.6
+"""Metres of the largest vehicle."""
+MAX_TURN = 1.2
+"""Radians per second."""
+
+
+def is_mover(thing: SolvedThing, clouds: list[SweepCloud]) -> bool:
+    """Whether a solved thing truly moves."""
+    return why_not(thing, clouds) == ""
+
+
+def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
+    """Why a solved thing is no mover; empty where it is one."""
+    way, seen, distance = thing.trajectory.farthest_way(), thing.seen_through, thing.distance(clouds)
+    local = thing.local_points()
+    extent = np.percentile(local, 97, axis=0) - np.percentile(local, 3, axis=0)
+    if way < MIN_WAY:
+        return f"way {way:.2f}"
+    if thing.ratio > (SURE_RATIO if seen > SURE_SEEN else MAX_RATIO):
+        return f"ratio {thing.ratio:.2f}"
+    if extent[0] > MAX_LENGTH or extent[1] > MAX_WIDTH:
+        return f"extent {extent[0]:.1f} {extent[1]:.1f}"
+    if _moves_with_ego(thing, clouds):
+        return "ego"
+    size = float(extent[:2].max())
+    walks_by = seen > FEW_SEEN and thing.ratio < SURE_MOTION and way > 3 * size
+    if seen < SEEN and ((distance < NEAR and not walks_by) or way < 2 * size):
+        return f"seen {seen:.2f} at {distance:.0f} way {way:.1f}"
+    if seen < FEW_SEEN and way < UNSEEN_WAY:
+        return f"never seen through, way {way:.1f}"
+    if extent[2] < FLAT and distance < FLAT_REACH:
+        return f"flat {extent[2]:.2f}"
+    if extent[:2].max() < THIN and seen < 3 * SEEN:
+        return "thin"
+    return ""
+
+
+def _moves_with_ego(thing: SolvedThing, clouds: list[SweepCloud]) -> bool:
+    times = np.array([one.time for one in thing.observations])
+    ego = np.array([clouds[one.sweep].position[:2] for one in thing.observations])
+    offset = thing.trajectory.poses_at(times)[:, :2] - ego
+    distance = np.linalg.norm(offset, axis=1)
+    drift = np.linalg.norm(offset - np.median(offset, axis=0), axis=1)
+    return bool(np.median(distance) < EGO_REACH and np.median(drift) < EGO_DRIFT)

@@ -1,0 +1,78 @@
+"""Solved things as tracks: a box and its pose at each time step, as data sets give them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip
+from instdrive_core.datasets.twins import merge_twins
+from instdrive_core.scene.track import Track
+from instdrive_core.tracks.boxes import Box
+from instdrive_core.tracks.solved_thing import SolvedThing
+from instdrive_core.tracks.sweep_clouds import SweepCloud
+
+SLACK = 0.06
+"""Seconds by which a time step may lie outside of what was observed: half a step at 10 Hz."""
+
+
+def write_tracks_of(things: list[SolvedThing], clouds: list[SweepCloud], clip: Clip) -> tuple[Track, ...]:
+    """The tracks of things, each object once, named by the order in which they appear.
+
+    A pose holds for the moment at which the first LiDAR, and with it the cameras, looked at the thing in that step: as
+    cuboids do.
+    """
+    ordered = sorted(things, key=lambda thing: (thing.trajectory.start, -thing.point_count))
+    tracks = [_track(f"found-{number:03d}", thing, clouds, clip) for number, thing in enumerate(ordered, 1)]
+    return merge_twins(tuple(track for track in tracks if track is not None)).tracks
+
+
+def _track(name: str, thing: SolvedThing, clouds: list[SweepCloud], clip: Clip) -> Track | None:
+    box = thing.box(clouds)
+    times, poses = [], []
+    for time in sorted({frame.view.time for frame in clip.frames} | {cloud.time for cloud in clouds}):
+        seen = moment_of(thing, clouds, time)
+        if not thing.trajectory.start - SLACK <= seen <= thing.trajectory.end + SLACK:
+            continue
+        times.append(time)
+        poses.append(box_pose(thing, box, seen, clouds))
+    if not times:
+        return None
+    return Track(
+        name,
+        box.label,
+        np.array([box.width, box.length, box.height]),
+        np.array(times),
+        np.stack(poses),
+        moving=True,
+    )
+
+
+def moment_of(thing: SolvedThing, clouds: list[SweepCloud], time: float) -> float:
+    """When the first LiDAR looked at a thing in the turn of a time step, seconds."""
+    nearest = min(clouds, key=lambda cloud: abs(cloud.time - time))
+    place = thing.trajectory.poses_at(np.array([time]))[0, :2]
+    seen = [one.time for one in thing.observations if clouds[one.sweep] is nearest and one.sensor == 0]
+    if seen and abs(nearest.time - time) < 1e-3:
+        return seen[0]
+    return time + nearest.time_towards(place) - nearest.time
+
+
+def box_pose(thing: SolvedThing, box: Box, time: float, clouds: list[SweepCloud]) -> Float64[ndarray, "4 4"]:
+    """world_from_box of a thing at a moment; the box's y axis is its heading."""
+    x, y, yaw = thing.trajectory.poses_at(np.array([time]))[0]
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    pose = np.eye(4)
+    pose[:2, 0], pose[:2, 1] = (sine, -cosine), (cosine, sine)
+    pose[0, 3] = x + cosine * box.center[0] - sine * box.center[1]
+    pose[1, 3] = y + sine * box.center[0] + cosine * box.center[1]
+    pose[2, 3] = ground_under(thing, time, clouds) + box.height / 2
+    return pose
+
+
+def ground_under(thing: SolvedThing, time: float, clouds: list[SweepCloud]) -> float:
+    """z of the ground where a thing stands at a moment, from its points around that time."""
+    times = np.array([clouds[one.sweep].time for one in thing.clusters])
+    heights = np.array([float(np.median(clouds[one.sweep].heights[one.rows])) for one in thing.clusters])
+    return float(np.interp(time, times, heights))

@@ -1,0 +1,107 @@
+"""A street of boxes met by a spinning LiDAR: walls, parked cars, and cars whose motion is given exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from instdrive_core.datasets.clip import Clip, Frame, Sweep, SweepPoints, is_held_out
+from instdrive_core.scene.camera import Camera, CameraView
+
+CAR = (1.9, 4.6, 1.5)
+"""Width, length, height in metres."""
+LIDAR_HEIGHT = 1.8
+NOISE = 0.02
+
+
+@dataclass(frozen=True)
+class Body:
+    """A box on the ground."""
+
+    pose: Callable[[float], tuple[float, float, float]]
+    """x, y of its centre and heading (radians, 0 = along x) by time."""
+    size: tuple[float, float, float] = CAR
+
+
+def standing(x: float, y: float, yaw: float = 0.0, size: tuple[float, float, float] = CAR) -> Body:
+    """A box that stays."""
+    return Body(lambda time: (x, y, yaw), size)
+
+
+def walls() -> list[Body]:
+    """Houses along both sides, with gaps, and parked cars before them."""
+    houses = [standing(x, side * 12, 0, (4.0, 14.0, 8.0)) for x in range(-50, 110, 20) for side in (1, -1)]
+    return houses + [standing(x, -5.5) for x in range(-20, 60, 13)]
+
+
+def box_clip(
+    bodies: list[Body],
+    steps: int = 20,
+    period: float = 0.1,
+    ego: Callable[[float], float] = lambda time: 0.0,
+    timed: bool = True,
+    beams: int = 40,
+    azimuths: int = 720,
+) -> Clip:
+    """A clip of sweeps only: the ego car is at `ego(time)` along x; with `timed` points carry their times."""
+    sweeps, frames = [], []
+    for step in range(steps):
+        time = step * period
+        sweep = _sweep(bodies, time, period if timed else 0.0, ego, beams, azimuths, step)
+        sweeps.append(Sweep(step, time, lambda sweep=sweep: sweep))
+        pose = np.eye(4)
+        pose[:3, 3] = ego(time), 0.0, LIDAR_HEIGHT
+        camera = Camera(50.0, 50.0, 32.0, 18.0, 64, 36, pose)
+        view = CameraView(camera, "front_camera", step, time, "", is_held_out(step))
+        frames.append(Frame(view, lambda: np.zeros((36, 64, 3), np.uint8)))
+    return Clip("boxes", "boxes", np.zeros(3), tuple(frames), tuple(sweeps), (), {}, ("front_camera",))
+
+
+def _sweep(bodies, time, turn, ego, beams, azimuths, seed):
+    elevation = np.radians(np.linspace(-24, 8, beams))
+    azimuth = np.linspace(0, 2 * np.pi, azimuths, endpoint=False)
+    times = np.repeat(time + turn * (azimuth / (2 * np.pi) - 0.5), beams)
+    elevation, azimuth = np.tile(elevation, azimuths), np.repeat(azimuth, beams)
+    directions = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
+    )
+    origins = np.stack([[ego(moment) for moment in times], np.zeros(len(times)), np.full(len(times), LIDAR_HEIGHT)], 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ranges = np.where(directions[:, 2] < 0, -LIDAR_HEIGHT / directions[:, 2], np.inf)
+        for body in bodies:
+            ranges = np.minimum(ranges, _met(body, origins, directions, times))
+    rng = np.random.default_rng(seed)
+    kept = np.isfinite(ranges) & (ranges > 1.5) & (ranges < 100)
+    points = origins[kept] + (ranges[kept] + NOISE * rng.standard_normal(kept.sum()))[:, None] * directions[kept]
+    count = len(points)
+    zeros = np.zeros(count, np.uint8)
+    return SweepPoints(
+        points.astype(np.float32), np.zeros(count, np.float32), zeros, None, None, times[kept] if turn else None
+    )
+
+
+def _met(body, origins, directions, times):
+    """Distance along each ray to a body, infinity where it passes."""
+    moments = np.unique(times)
+    poses = np.array([body.pose(moment) for moment in moments])[np.searchsorted(moments, times)]
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+
+    def into(vectors):
+        return np.stack(
+            [
+                cosine * vectors[:, 0] + sine * vectors[:, 1],
+                cosine * vectors[:, 1] - sine * vectors[:, 0],
+                vectors[:, 2],
+            ],
+            axis=1,
+        )
+
+    width, length, height = body.size
+    start = into(origins - np.column_stack([poses[:, :2], np.full(len(poses), 0.15 + height / 2)]))
+    way = into(directions)
+    half = np.array([length, width, height]) / 2
+    first, second = (-half - start) / way, (half - start) / way
+    near, far = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
+    return np.where((near < far) & (near > 0), near, np.inf)
