@@ -104,7 +104,7 @@ class StreetUnits:
         geometry, rays = self._build_step(index)
         street_from_world = np.linalg.inv(self.street.world_from_street())
         directions = np.ascontiguousarray(
-            camera.ray_directions().reshape(-1, 3) @ street_from_world[:3, :3].T, np.float32
+            camera.compute_ray_directions().reshape(-1, 3) @ street_from_world[:3, :3].T, np.float32
         )
         origin = (street_from_world[:3, :3] @ camera.position + street_from_world[:3, 3]).astype(np.float32)
         hits = rays.find_first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)

@@ -20,7 +20,7 @@ class RepeatedDraws:
     flip: float
     """Share of the answers that hold in this photo only."""
 
-    def draw(self, question: str, *keys: Integer[ndarray, " n"] | int) -> Float64[ndarray, " n"]:
+    def draw(self, question: str, *keys: Integer[ndarray, " _"] | int) -> Float64[ndarray, " n"]:
         """Draw a number in [0, 1) for each row of `keys`.
 
         Args:
@@ -32,13 +32,13 @@ class RepeatedDraws:
         passing = _hash((*own, 1), keys)
         return np.where(_hash((*own, 2), keys) < self.flip, passing, lasting)
 
-    def draw_once(self, question: str, *keys: Integer[ndarray, " n"] | int) -> Float64[ndarray, " n"]:
+    def draw_once(self, question: str, *keys: Integer[ndarray, " _"] | int) -> Float64[ndarray, " n"]:
         """Draw as `draw`, but for this photo alone."""
         own = (self.seed, zlib.crc32(question.encode()), zlib.crc32(self.photo.encode()), 3)
         return _hash(own, keys)
 
 
-def _hash(start: tuple[int, ...], keys: tuple[Integer[ndarray, " n"] | int, ...]) -> Float64[ndarray, " n"]:
+def _hash(start: tuple[int, ...], keys: tuple[Integer[ndarray, " _"] | int, ...]) -> Float64[ndarray, " n"]:
     """Mix whole numbers into uniform ones: SplitMix64's finaliser (Steele, Lea & Flood 2014) after each number."""
     arrays = np.broadcast_arrays(*[np.atleast_1d(np.asarray(key, np.int64)) for key in keys])
     state = np.zeros(arrays[0].shape, np.uint64)

@@ -248,10 +248,12 @@ def _find_shadow(photo: _Photo, number: int) -> Bool[ndarray, "h w"]:
 
 def _ask_grid(region: _Region, scale: float) -> Iterator[Bool[ndarray, "h w"]]:
     """The masks of a region, or of each of its pieces; none where no point of the grid lies in it."""
-    pieces, count = ndimage.label(region.mask) if region.splits else (region.mask.astype(np.int32), 1)
+    pieces = region.mask.astype(np.int32)
+    if region.splits:
+        ndimage.label(region.mask, output=pieces)
     spacing = max(1, round(GRID * scale))
     asked = np.unique(pieces[spacing // 2 :: spacing, spacing // 2 :: spacing])
-    sizes = np.bincount(pieces.ravel(), minlength=count + 1)
+    sizes = np.bincount(pieces.ravel())
     for piece in asked[asked > 0]:
         if sizes[piece] >= _SMALLEST * scale**2:
             yield pieces == piece
