@@ -20,7 +20,7 @@ from tyro.conf import Positional
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.metrics.track_scores import annotated_movers, score_tracks
+from instdrive_core.evaluation.metrics.track_scores import find_annotated_movers, score_tracks
 from instdrive_core.tracks.finder import find_tracks
 
 
@@ -40,7 +40,7 @@ def main(options: Options) -> dict[str, object]:
     start = time.perf_counter()
     found = find_tracks(clip, options.held_out)
     seconds = time.perf_counter() - start
-    scores = score_tracks(found.tracks, annotated_movers(clip), clip.tracks)
+    scores = score_tracks(found.tracks, find_annotated_movers(clip), clip.tracks)
     errors = scores.errors
     return {
         "clip": clip.name,

@@ -156,7 +156,7 @@ class _Neighbors:
         self._places = np.column_stack([means, nodes * apart])
         self._tree = KDTree(self._places)
 
-    def sample(self, samples: int, neighbors: int, rng: np.random.Generator) -> Int64[ndarray, "s k+1"]:
+    def sample(self, samples: int, neighbors: int, rng: np.random.Generator) -> Int64[ndarray, "s m"]:
         """Random rows, each with its nearest ones behind it."""
         rows = rng.choice(len(self._places), min(samples, len(self._places)), replace=False)
         count = min(neighbors + 1, len(self._places))

@@ -38,7 +38,7 @@ class LearnableFeatures:
         """Copy some rows so that a loss can be differentiated by them."""
         return gather_rows(self.values, rows).requires_grad_(True)
 
-    def descend(self, *parts: tuple[Int64[Tensor, " v"], Float[Tensor, "v d"]]) -> None:
+    def descend(self, *parts: tuple[Int64[Tensor, " _"], Float[Tensor, "_ d"]]) -> None:
         """Take one step along the gradients of leaves, each with its (distinct) rows; parts may share rows."""
         parts = tuple((rows, leaf) for rows, leaf in parts if leaf.grad is not None)
         if not parts:

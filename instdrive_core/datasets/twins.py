@@ -66,7 +66,7 @@ def merge_twins(tracks: tuple[Track, ...], rank: Callable[[Track], Any] = lambda
             groups.append([track])
         else:
             twin.append(track)
-    kept = {group[0].id: _joined(group) if len(group) > 1 else group[0] for group in groups}
+    kept = {group[0].id: _join_twins(group) if len(group) > 1 else group[0] for group in groups}
     return TwinMerge(
         tuple(kept[track.id] for track in tracks if track.id in kept),
         {group[0].id: tuple(one.id for one in group[1:]) for group in groups if len(group) > 1},
@@ -81,7 +81,7 @@ def are_twins(first: Track, second: Track) -> bool:
         small, large = sorted((sizes[0][axis], sizes[1][axis]))
         if small < LIKE_SIZE * large and large - small > 0.3:
             return False
-    offsets = shared_offsets(first, second)
+    offsets = compute_shared_offsets(first, second)
     if len(offsets) < min(MIN_SHARED, len(first.times), len(second.times)):
         return False
     reach = CLOSE * max(sizes[0][:2].max(), sizes[1][:2].max())
@@ -90,14 +90,14 @@ def are_twins(first: Track, second: Track) -> bool:
     return bool((close & level).mean() > MOST)
 
 
-def shared_offsets(first: Track, second: Track) -> Float64[ndarray, "s 3"]:
+def compute_shared_offsets(first: Track, second: Track) -> Float64[ndarray, "s 3"]:
     """Metres from the first to the second centre in each step that both have."""
     near = np.abs(first.times[:, None] - second.times[None]) < SAME_TIME
     rows, columns = np.nonzero(near)
     return second.world_from_box[columns, :3, 3] - first.world_from_box[rows, :3, 3]
 
 
-def _joined(group: list[Track]) -> Track:
+def _join_twins(group: list[Track]) -> Track:
     """One track of all steps of a group, each step from the first that has it."""
     poses: dict[int, ndarray] = {}
     for track in group:

@@ -24,7 +24,7 @@ GROWN = 0.05
 
 
 @dataclass(frozen=True)
-class Box:
+class TrackBox:
     """A box in a thing's frame, standing on the ground."""
 
     center: Float64[ndarray, "2"]
@@ -33,10 +33,10 @@ class Box:
     width: float
     height: float
     label: str
-    """As PandaSet calls such things."""
+    """PandaSet's label of such things."""
 
 
-def fit_box(points: Float64[ndarray, "n 3"], views: Float64[ndarray, "v 2"]) -> Box:
+def fit_box(points: Float64[ndarray, "n 3"], views: Float64[ndarray, "v 2"]) -> TrackBox:
     """The box of a thing.
 
     Args:
@@ -46,7 +46,7 @@ def fit_box(points: Float64[ndarray, "n 3"], views: Float64[ndarray, "v 2"]) -> 
     low, high = np.percentile(points, TRIM, axis=0), np.percentile(points, 100 - TRIM, axis=0)
     low[:2] -= GROWN / 2
     high[:2] += GROWN / 2
-    label, typical = kind_of(high[:2] - low[:2], float(high[2]))
+    label, typical = classify_box(high[:2] - low[:2], float(high[2]))
     for axis in range(2):
         missing = typical[axis] - (high[axis] - low[axis])
         if missing <= 0:
@@ -56,10 +56,10 @@ def fit_box(points: Float64[ndarray, "n 3"], views: Float64[ndarray, "v 2"]) -> 
         low[axis] -= missing * share
         high[axis] += missing * (1 - share)
     size = high - low
-    return Box((low[:2] + high[:2]) / 2, float(size[0]), float(size[1]), max(float(high[2]), 0.5), label)
+    return TrackBox((low[:2] + high[:2]) / 2, float(size[0]), float(size[1]), max(float(high[2]), 0.5), label)
 
 
-def kind_of(size: Float64[ndarray, "2"], height: float) -> tuple[str, tuple[float, float]]:
+def classify_box(size: Float64[ndarray, "2"], height: float) -> tuple[str, tuple[float, float]]:
     """What a thing is, by the extent of its points along and across its heading and by its height, and how long and
     wide such things are at least."""
     length, width = float(size[0]), float(size[1])

@@ -50,7 +50,7 @@ class Cluster:
 
     @property
     def middle(self) -> Float64[ndarray, "2"]:
-        """Of the box around it, along the ground."""
+        """Centre of the box around it, along the ground."""
         return (self.low[:2] + self.high[:2]) / 2
 
 
@@ -63,7 +63,7 @@ def find_candidates(cloud: SweepCloud, votes: Votes, sweep: int) -> list[Cluster
     if not len(cloud.points):
         return []
     moves = ~votes.is_static
-    whole = _clusters(cloud, np.flatnonzero(_near_moving(cloud, moves)))
+    whole = _clusters(cloud, np.flatnonzero(_find_near_moving(cloud, moves)))
     parts = [part for part in whole if _is_creeping_vehicle(cloud.points[part], moves[part])]
     taken = np.zeros(len(moves), bool)
     taken[np.concatenate([np.zeros(0, np.int64), *parts])] = True
@@ -75,7 +75,7 @@ def find_candidates(cloud: SweepCloud, votes: Votes, sweep: int) -> list[Cluster
     ]
 
 
-def _near_moving(cloud: SweepCloud, moves: Bool[ndarray, " n"]) -> Bool[ndarray, " n"]:
+def _find_near_moving(cloud: SweepCloud, moves: Bool[ndarray, " n"]) -> Bool[ndarray, " n"]:
     """Points within reach, along the ground, of ones that may move: all others need not be clustered."""
     cells = np.floor(cloud.points[:, :2] / NEAR_CELL).astype(np.int64)
     cells -= cells.min(axis=0)
@@ -90,7 +90,7 @@ def _clusters(cloud: SweepCloud, rows: Int64[ndarray, " r"]) -> list[Int64[ndarr
     if not len(rows):
         return []
     reach = np.minimum(REACH + REACH_PER_METRE * cloud.distance[rows], MAX_REACH).astype(np.float32)
-    numbers = _rejoined(cloud.points[rows], cluster_points(cloud.points[rows], reach), reach)
+    numbers = _rejoin_clusters(cloud.points[rows], cluster_points(cloud.points[rows], reach), reach)
     order = np.argsort(numbers, kind="stable")
     return np.split(rows[order], np.flatnonzero(np.diff(numbers[order])) + 1)
 
@@ -124,7 +124,7 @@ def _is_huge(points: Float32[ndarray, "k 3"]) -> bool:
     return bool(extent[1] > MAX_LENGTH or extent[0] > 2 * MAX_WIDTH)
 
 
-def _rejoined(points: Float32[ndarray, "n 3"], numbers: ndarray, reach: Float32[ndarray, " n"]) -> ndarray:
+def _rejoin_clusters(points: Float32[ndarray, "n 3"], numbers: ndarray, reach: Float32[ndarray, " n"]) -> ndarray:
     """The clusters with those joined that touch: on dense surfaces a point's nearest neighbours are all of its own."""
     count = int(numbers.max()) + 1
     pairs = KDTree(points[:, :2]).query_pairs(float(REACH), output_type="ndarray")

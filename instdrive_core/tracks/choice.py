@@ -44,14 +44,14 @@ def with_tracks(
         return clip
     if not clip.sweeps:
         raise DataError(clip.path, "has no LiDAR sweeps to find moving objects in", "Use --tracks none")
-    found = kept_tracks(clip, kept_in, on_note)
+    found = choose_kept_tracks(clip, kept_in, on_note)
     for note in found.notes:
         on_note(note)
     on_note(f"{len(found.tracks)} moving objects found in the LiDAR sweeps")
     return replace(clip, tracks=found.tracks)
 
 
-def kept_tracks(clip: Clip, folder: Path, on_stage: Callable[[str], None] = lambda stage: None) -> FoundTracks:
+def choose_kept_tracks(clip: Clip, folder: Path, on_stage: Callable[[str], None] = lambda stage: None) -> FoundTracks:
     """The tracks kept in a folder; found and kept there where there are none yet."""
     file = folder / FILE
     if file.is_file():

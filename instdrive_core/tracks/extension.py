@@ -7,7 +7,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 
 from instdrive_core.tracks.motion_tests import carry
-from instdrive_core.tracks.nearest import align, nearest_distances, spread_sample
+from instdrive_core.tracks.nearest import align, nearest_distances, sample_evenly
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import SPACING, Trajectory, even_knots
@@ -76,14 +76,14 @@ def _find_again(
     time = cloud.time_towards(last[:2])
     gap = time - times[order[0]]
     reach = float(np.linalg.norm(high[:2] - low[:2])) / 2 + 1.5 + float(np.linalg.norm(velocity)) * abs(gap)
-    centre = last[:2] + _turned((low[:2] + high[:2]) / 2, last[2])
+    centre = last[:2] + _turn_points((low[:2] + high[:2]) / 2, last[2])
     near = np.flatnonzero(np.abs(cloud.points[:, :2] - centre).max(axis=1) < reach + 1.0)
     if len(near) < MIN_MODEL // 2:
         return None
     model = _recent_points(thing, times[order[0]])
     if len(model) < MIN_MODEL:
         return None
-    around = spread_sample(cloud.points[near], AROUND)
+    around = sample_evenly(cloud.points[near], AROUND)
     best: tuple[float, Float64[ndarray, "3"]] | None = None
     for decay in DECAYS:
         pose = last.copy()
@@ -114,7 +114,7 @@ def _recent_points(thing: SolvedThing, time: float) -> Float32[ndarray, "m 3"]:
     local = thing.local_points()
     starts = thing.packed.starts
     parts = [local[starts[number] : starts[number + 1]] for number in order]
-    return spread_sample(np.concatenate(parts).astype(np.float32), MODEL)
+    return sample_evenly(np.concatenate(parts).astype(np.float32), MODEL)
 
 
 def inside_box(
@@ -128,7 +128,7 @@ def inside_box(
     return np.all((local >= low) & (local <= high), axis=1)
 
 
-def _turned(offset: Float64[ndarray, "2"], yaw: float) -> Float64[ndarray, "2"]:
+def _turn_points(offset: Float64[ndarray, "2"], yaw: float) -> Float64[ndarray, "2"]:
     return np.array(
         [np.cos(yaw) * offset[0] - np.sin(yaw) * offset[1], np.sin(yaw) * offset[0] + np.cos(yaw) * offset[1]]
     )

@@ -11,7 +11,7 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.candidates import find_candidates
 from instdrive_core.tracks.fragments import merge_fragments
-from instdrive_core.tracks.linking import link_clusters
+from instdrive_core.tracks.linking import link_sightings
 from instdrive_core.tracks.motion_tests import may_move
 from instdrive_core.tracks.range_images import Votes, count_votes
 from instdrive_core.tracks.second_pass import drop_covered, solve_again
@@ -19,7 +19,7 @@ from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
 from instdrive_core.tracks.starts import first_guesses
 from instdrive_core.tracks.strict_test import is_mover
 from instdrive_core.tracks.sweep_clouds import SweepCloud, gather_clouds
-from instdrive_core.tracks.written_tracks import write_tracks_of
+from instdrive_core.tracks.written_tracks import convert_to_tracks
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def find_tracks(
     on_stage("looking through sweeps")
     votes = vote(clouds)
     things = find_things(clouds, votes, on_stage)
-    return FoundTracks(write_tracks_of(things, clouds, clip), tuple(notes))
+    return FoundTracks(convert_to_tracks(things, clouds, clip), tuple(notes))
 
 
 def vote(clouds: list[SweepCloud]) -> list[Votes]:
@@ -75,7 +75,7 @@ def find_things(
     by_sweep = [
         find_candidates(cloud, seen, number) for number, (cloud, seen) in enumerate(zip(clouds, votes, strict=True))
     ]
-    chains = [chain for chain in link_clusters(by_sweep) if may_move(chain, clouds)]
+    chains = [chain for chain in link_sightings(by_sweep) if may_move(chain, clouds)]
     on_stage("solving motions")
     solved = [solve_thing(chain.clusters, clouds, first_guesses(chain)) for chain in chains]
     movers = [thing for thing in solved if thing is not None and is_mover(thing, clouds)]

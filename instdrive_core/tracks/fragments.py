@@ -7,7 +7,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.tracks.candidates import Cluster, make_cluster
-from instdrive_core.tracks.nearest import align, nearest_distances, spread_sample
+from instdrive_core.tracks.nearest import align, nearest_distances, sample_evenly
 from instdrive_core.tracks.range_images import Votes
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
@@ -74,7 +74,7 @@ def _move_alike(first: SolvedThing, second: SolvedThing, shared: list[int], star
     by_sweep = {one.sweep: one for one in first.clusters}
     theirs = {one.sweep: one for one in second.clusters}
     gaps = [
-        float(nearest_distances(spread_sample(by_sweep[k].points, 150), spread_sample(theirs[k].points, 150)).min())
+        float(nearest_distances(sample_evenly(by_sweep[k].points, 150), sample_evenly(theirs[k].points, 150)).min())
         for k in shared[:: max(1, len(shared) // 6)]
     ]
     return float(np.median(gaps)) < (WIDE_GAP if rigidity < VERY_RIGID else GAP)
@@ -145,13 +145,13 @@ def _offset(first: SolvedThing, second: SolvedThing) -> tuple[Float64[ndarray, "
     shift = into_frame(own, others[:, :2]).mean(axis=0)
     if end <= start:
         # Nothing shows how they lie but that their points must coincide.
-        shift, turn = _settled(first, second, shift), 0.0
+        shift, turn = _settle_merges(first, second, shift), 0.0
     return shift, float(turn)
 
 
-def _settled(first: SolvedThing, second: SolvedThing, shift: Float64[ndarray, "2"]) -> Float64[ndarray, "2"]:
-    own = spread_sample(first.local_points().astype(np.float32), 300)
-    other = spread_sample(second.local_points().astype(np.float32), 300)
+def _settle_merges(first: SolvedThing, second: SolvedThing, shift: Float64[ndarray, "2"]) -> Float64[ndarray, "2"]:
+    own = sample_evenly(first.local_points().astype(np.float32), 300)
+    other = sample_evenly(second.local_points().astype(np.float32), 300)
     return align(other, own, shift)[0]
 
 

@@ -10,7 +10,7 @@ from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
 from instdrive_core.tracks.candidates import Cluster
-from instdrive_core.tracks.nearest import align, spread_sample
+from instdrive_core.tracks.nearest import align, sample_evenly
 
 MAX_SPEED = 35.0
 """Metres per second."""
@@ -47,7 +47,7 @@ class Chain:
         return self.clusters[-1].middle + self.velocity * (time - self.clusters[-1].time)
 
 
-def link_clusters(by_sweep: list[list[Cluster]]) -> list[Chain]:
+def link_sightings(by_sweep: list[list[Cluster]]) -> list[Chain]:
     """Chains of clusters of sweeps in order of time, each cluster in one of them."""
     ended: list[Chain] = []
     active: list[Chain] = []
@@ -115,7 +115,7 @@ def _shift_between(
     last: Cluster, found: Cluster, predicted: Float64[ndarray, "2"], is_new: bool
 ) -> Float64[ndarray, "2"]:
     """The displacement of the best alignment, from the prediction and from the middles."""
-    first, second = spread_sample(last.points, SAMPLE), spread_sample(found.points, SAMPLE)
+    first, second = sample_evenly(last.points, SAMPLE), sample_evenly(found.points, SAMPLE)
     middles = found.middle - last.middle
     guesses = [middles] if is_new or np.linalg.norm(middles - predicted) < 0.1 else [predicted, middles]
     return min((align(first, second, guess) for guess in guesses), key=lambda result: result[1])[0]

@@ -7,9 +7,9 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.tracks.linking import Chain
-from instdrive_core.tracks.nearest import nearest_distances, spread_sample
+from instdrive_core.tracks.nearest import nearest_distances, sample_evenly
 from instdrive_core.tracks.observations import Observation
-from instdrive_core.tracks.starts import linked_places, middles, smooth
+from instdrive_core.tracks.starts import gather_linked_places, middles, smooth
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import Trajectory
 
@@ -41,7 +41,7 @@ def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
     times = np.array([one.time for one in chain.clusters])
     is_seen_through = np.mean([one.seen_through for one in chain.clusters]) > SURE_SEEN
     passed = False
-    for places in (linked_places(chain), middles(chain)):
+    for places in (gather_linked_places(chain), middles(chain)):
         way = float(np.linalg.norm(places[-1] - places[0]))
         path_of = smooth(times, places)
         knots = path_of.knots[:, :2]
@@ -85,7 +85,7 @@ def motion_ratio(parts: list[ndarray], places: Float64[ndarray, "c 2"], yaws: nd
         places: where the thing is in each.
         yaws: how it is turned in each, radians; None = never.
     """
-    samples = [spread_sample(part, SAMPLE) for part in parts]
+    samples = [sample_evenly(part, SAMPLE) for part in parts]
     yaws = np.zeros(len(parts)) if yaws is None else yaws
     pairs = [
         (first, second)
@@ -117,7 +117,7 @@ def carry(points: ndarray, place: ndarray, yaw: float, new_place: ndarray, new_y
     return moved
 
 
-def solved_ratio(observations: list[Observation], trajectory: Trajectory) -> float:
+def compute_solved_ratio(observations: list[Observation], trajectory: Trajectory) -> float:
     """`motion_ratio` of solved poses."""
     poses = trajectory.poses_at(np.array([one.time for one in observations]))
     return motion_ratio([one.points for one in observations], poses[:, :2], poses[:, 2])

@@ -11,7 +11,7 @@ ALIGNMENTS = 10
 """Steps of closest points that settle a displacement."""
 
 
-def spread_sample(points: Float32[ndarray, "n 3"], limit: int) -> Float32[ndarray, "m 3"]:
+def sample_evenly(points: Float32[ndarray, "n 3"], limit: int) -> Float32[ndarray, "m 3"]:
     """At most `limit` of the points, evenly through them."""
     if len(points) <= limit:
         return np.ascontiguousarray(points, np.float32)

@@ -9,7 +9,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from instdrive_core.tracks.nearest import spread_sample
+from instdrive_core.tracks.nearest import sample_evenly
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
 MIN_POINTS = 3
@@ -40,7 +40,7 @@ class Observation:
 
     @property
     def middle(self) -> Float64[ndarray, "2"]:
-        """Of the box around the points, along the ground."""
+        """Centre of the box around the points, along the ground."""
         return (self.points[:, :2].min(axis=0) + self.points[:, :2].max(axis=0)).astype(float) / 2
 
 
@@ -54,7 +54,7 @@ def observe(cloud: SweepCloud, rows: ndarray, sweep: int) -> list[Observation]:
         time = float(cloud.times[own].mean())
         chosen = own[(np.arange(min(LIMIT, len(own))) * len(own)) // min(LIMIT, len(own))]
         points = np.ascontiguousarray(cloud.points[chosen])
-        normals = surface_normals(points, spread_sample(cloud.points[own], 4 * LIMIT))
+        normals = surface_normals(points, sample_evenly(cloud.points[own], 4 * LIMIT))
         lags = (cloud.times[chosen] - time).astype(np.float32)
         found.append(Observation(sweep, int(sensor), time, points, lags, normals))
     return found

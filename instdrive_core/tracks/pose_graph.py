@@ -101,7 +101,7 @@ def in_object_frame(packed: Packed, trajectory: Trajectory) -> Float64[ndarray, 
     return np.column_stack([along, left, packed.points[:, 2]])
 
 
-def occupied_cells(packed: Packed, trajectory: Trajectory) -> int:
+def count_occupied_cells(packed: Packed, trajectory: Trajectory) -> int:
     """Cells that hold a point: the fewer, the better points of different sweeps coincide."""
     cells = np.floor(in_object_frame(packed, trajectory) / CELL).astype(np.int64)
     return len(np.unique(cells @ np.array([1, 4096, 4096 * 4096])))

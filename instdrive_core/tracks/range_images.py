@@ -18,7 +18,7 @@ HEIGHTS_OF_PIXELS = (0.3, 0.5, 0.75, 1.0, 1.5, 2.0)
 DENSE = 0.5
 """Share of measured pixels above and below measured ones from which on an image is dense."""
 NOTHING = 65535
-"""Of a pixel that no beam met anything in; others are centimetres."""
+"""Value of a pixel in which no beam met anything; others are centimetres."""
 FARTHER, FARTHER_SHARE = 0.5, 0.02
 """Metres, and share of its distance, by which all beams around must go on behind a point to have seen through it."""
 SAME = 0.3
@@ -34,11 +34,11 @@ MAX_IMAGES = 120
 
 
 @dataclass(frozen=True)
-class RangeImage:
+class SweepImage:
     """What one LiDAR met in each direction during a sweep."""
 
     position: Float64[ndarray, "3"]
-    """Of the sensor, roughly."""
+    """Rough place of the sensor."""
     ranges: UInt16[ndarray, "elevations azimuths"]
     """Centimetres to the nearest point of each pixel, `NOTHING` where there is none."""
 
@@ -65,7 +65,7 @@ class Votes:
         return (self.free >= 2) & (self.free > self.occupied / 4)
 
 
-def build_range_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]) -> RangeImage:
+def build_sweep_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]) -> SweepImage:
     """The range image of one LiDAR's points, its pixels as high as its beams are apart."""
     points = np.ascontiguousarray(points, np.float32)
     ranges = np.zeros((0, AZIMUTHS), np.uint16)
@@ -75,7 +75,7 @@ def build_range_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray
         beside = measured[:-2] | measured[2:]
         if not beside.any() or (measured[1:-1] & beside).sum() > DENSE * beside.sum():
             break
-    return RangeImage(position, ranges)
+    return SweepImage(position, ranges)
 
 
 @njit(cache=True)
@@ -97,7 +97,7 @@ def _draw(points: ndarray, position: ndarray, rows: int) -> ndarray:
 
 
 @njit(cache=True, fastmath=True)
-def _turn_of(y: float, x: float) -> float:
+def _find_turn(y: np.float32, x: np.float32) -> np.float32:
     """arctan2 to 1e-4 radians, quicker (Hastings, Approximations for Digital Computers, 1955)."""
     across, along = abs(y), abs(x)
     ratio = min(across, along) / max(across, along, np.float32(1e-9))
@@ -123,10 +123,10 @@ def _vote(points: ndarray, position: ndarray, ranges: ndarray, is_near: bool, fr
         z = np.float32(points[number, 2] - position[2])
         flat = np.sqrt(x * x + y * y)
         distance = np.int32(np.sqrt(flat * flat + z * z) * 100)
-        row = np.int32((_turn_of(z, flat) - lowest) * scale)
+        row = np.int32((_find_turn(z, flat) - lowest) * scale)
         if row < 1 or row >= rows - 1 or distance > 64000:
             continue
-        column = np.int32(_turn_of(y, x) * around + half)
+        column = np.int32(_find_turn(y, x) * around + half)
         if column < 0 or column >= columns:
             column = np.int32(0)
         least, meets = np.int32(NOTHING), False
@@ -147,7 +147,7 @@ def _vote(points: ndarray, position: ndarray, ranges: ndarray, is_near: bool, fr
 
 
 def count_votes(
-    points: list[Float32[ndarray, "n 3"]], times: Float64[ndarray, " s"], images: list[tuple[RangeImage, ...]]
+    points: list[Float32[ndarray, "n 3"]], times: Float64[ndarray, " s"], images: list[tuple[SweepImage, ...]]
 ) -> list[Votes]:
     """How all other sweeps saw the points of each sweep.
 
@@ -158,7 +158,7 @@ def count_votes(
     """
     votes = []
     for number, every in enumerate(points):
-        chosen, group = _grouped(every)
+        chosen, group = _group_points(every)
         voters = [
             (image, bool(abs(times[other] - times[number]) <= WINDOW))
             for other in _voters(number, times, len(images[number]))
@@ -184,7 +184,7 @@ def count_votes(
     return votes
 
 
-def _grouped(points: Float32[ndarray, "n 3"]) -> tuple[ndarray, ndarray]:
+def _group_points(points: Float32[ndarray, "n 3"]) -> tuple[ndarray, ndarray]:
     """Rows of one point per cell of `CELL` metres, and for each point the number of the one in its cell."""
     cells = np.floor(points / CELL).astype(np.int64)
     cells -= cells.min(axis=0, initial=0) if len(cells) else 0

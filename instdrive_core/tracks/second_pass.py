@@ -7,7 +7,7 @@ from jaxtyping import Float32
 from numpy import ndarray
 from scipy import ndimage
 
-from instdrive_core.tracks.boxes import kind_of
+from instdrive_core.tracks.boxes import classify_box
 from instdrive_core.tracks.candidates import make_cluster
 from instdrive_core.tracks.extension import extend_in_time
 from instdrive_core.tracks.motion_tests import carry, motion_ratio
@@ -27,7 +27,7 @@ STANDING_RATIO = 0.8
 LARGEST = {"Pedestrian": (1.2, 1.1), "Bicycle": (2.3, 1.1), "Car": (5.6, 2.4)}
 """Length and width in metres to which a thing may grow, by what it looks like so far."""
 LORRY = (18.0, 3.2)
-"""The same for all others."""
+"""Limit for all others."""
 SMALL = 3.0
 """Metres: things shorter than this are seen whole, and can go on by half of what is left at either end."""
 MAX_CHANGE, CHANGE_OF_SIZE = 0.25, 0.25
@@ -41,7 +41,7 @@ def solve_again(thing: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]
     """A thing with the sweeps it can be followed to and with all its points, solved again."""
     trajectory, extra = extend_in_time(thing, clouds)
     rows = {one.sweep: one.rows for one in thing.clusters} | extra
-    rows = _grown(rows, trajectory, thing, clouds)
+    rows = _grow_thing(rows, trajectory, thing, clouds)
     clusters = [make_cluster(clouds[k], votes[k].is_seen_through, rows[k], k) for k in sorted(rows)]
     again = solve_thing(clusters, clouds, [trajectory], REACHES)
     if again is None or again.ratio > thing.ratio + 0.12 or _has_slid(thing, again):
@@ -65,13 +65,13 @@ def _has_slid(thing: SolvedThing, again: SolvedThing) -> bool:
     return moved - float(np.abs(after - before).max()) / 2 > MAX_CHANGE + CHANGE_OF_SIZE * float(before.max())
 
 
-def _grown(
+def _grow_thing(
     rows: dict[int, ndarray], trajectory: Trajectory, thing: SolvedThing, clouds: list[SweepCloud]
 ) -> dict[int, ndarray]:
     """The rows of each sweep with those that lie, sweep after sweep, in the same cells of the thing's frame."""
     local = thing.local_points()
     low, high = np.percentile(local, 1, axis=0), np.percentile(local, 99, axis=0)
-    length, width = LARGEST.get(kind_of(high[:2] - low[:2], float(high[2]))[0], LORRY)
+    length, width = LARGEST.get(classify_box(high[:2] - low[:2], float(high[2]))[0], LORRY)
     spare = np.maximum(np.array([length, width]) - (high - low)[:2], 0)
     if max(length, width) < SMALL:
         spare /= 2
@@ -100,16 +100,17 @@ def _grown(
         near[sweep] = close, cells, is_own
     often = (seen >= max(2, OFTEN * len(rows))) | (core >= max(1, 0.15 * len(rows)))
     known = core >= max(1, 0.15 * len(rows))
-    labels, _ = ndimage.label(often, np.ones((3, 3)))
+    labels = np.zeros(often.shape, np.int32)
+    ndimage.label(often, np.ones((3, 3)), output=labels)
     kept = often & np.isin(labels, np.unique(labels[known & (labels > 0)]))
-    kept = _without_standing(kept, known, near, trajectory, clouds, rows)
+    kept = _drop_standing(kept, known, near, trajectory, clouds, rows)
     grown = {}
     for sweep, (close, cells, is_own) in near.items():
         grown[sweep] = np.union1d(rows[sweep], close[kept[cells[:, 0], cells[:, 1]] | is_own])
     return grown
 
 
-def _without_standing(
+def _drop_standing(
     kept: ndarray,
     known: ndarray,
     near: dict[int, tuple[ndarray, ndarray, ndarray]],
@@ -118,9 +119,10 @@ def _without_standing(
     rows: dict[int, ndarray],
 ) -> ndarray:
     """The cells without added parts whose points fit better where nothing moves: what waits beside a thing."""
-    parts, count = ndimage.label(kept & ~ndimage.binary_dilation(known, np.ones((3, 3))))
+    parts = np.zeros(kept.shape, np.int32)
+    ndimage.label(kept & ~np.asarray(ndimage.binary_dilation(known, np.ones((3, 3))), bool), output=parts)
     result = kept.copy()
-    for part in range(1, count + 1):
+    for part in range(1, int(parts.max()) + 1):
         clouds_of_part, places, yaws = [], [], []
         for sweep, (close, cells, _) in near.items():
             chosen = close[parts[cells[:, 0], cells[:, 1]] == part]

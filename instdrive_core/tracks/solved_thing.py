@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.tracks.boxes import Box, fit_box
+from instdrive_core.tracks.boxes import TrackBox, fit_box
 from instdrive_core.tracks.candidates import Cluster
-from instdrive_core.tracks.motion_tests import solved_ratio
+from instdrive_core.tracks.motion_tests import compute_solved_ratio
 from instdrive_core.tracks.observations import Observation, observe
-from instdrive_core.tracks.pose_graph import Packed, in_object_frame, occupied_cells, pack, solve_poses
+from instdrive_core.tracks.pose_graph import Packed, count_occupied_cells, in_object_frame, pack, solve_poses
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import Trajectory
 
@@ -43,14 +43,14 @@ class SolvedThing:
 
     @property
     def point_count(self) -> int:
-        """Of all its clusters."""
+        """Points of all its clusters."""
         return sum(len(one.rows) for one in self.clusters)
 
     def local_points(self) -> Float64[ndarray, "n 3"]:
         """Points of all its observations in its own frame."""
         return in_object_frame(self.packed, self.trajectory)
 
-    def box(self, clouds: list[SweepCloud]) -> Box:
+    def box(self, clouds: list[SweepCloud]) -> TrackBox:
         """Its box."""
         return fit_box(self.local_points(), self.views(clouds))
 
@@ -79,5 +79,5 @@ def solve_thing(
     observations.sort(key=lambda one: one.time)
     packed = pack(observations)
     solved = [solve_poses(packed, guess, reaches) if reaches else solve_poses(packed, guess) for guess in guesses]
-    best = min(solved, key=lambda one: occupied_cells(packed, one))
-    return SolvedThing(clusters, observations, packed, best, solved_ratio(observations, best))
+    best = min(solved, key=lambda one: count_occupied_cells(packed, one))
+    return SolvedThing(clusters, observations, packed, best, compute_solved_ratio(observations, best))

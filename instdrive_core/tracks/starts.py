@@ -15,10 +15,10 @@ NOISE = 0.25
 ACCELERATION = 3.0
 """Standard deviation of the white acceleration (m/s² over 0.1 s) that smoothing allows."""
 ROUNDS = 4
-"""Of smoothing with outliers counting less."""
+"""Rounds of smoothing in which outliers count less."""
 
 
-def linked_places(chain: Chain) -> Float64[ndarray, "c 2"]:
+def gather_linked_places(chain: Chain) -> Float64[ndarray, "c 2"]:
     """Where the first cluster's middle is at each cluster's time, by the displacements found between them."""
     steps = np.array(chain.shifts).reshape(-1, 2)
     return chain.clusters[0].middle + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
@@ -85,7 +85,7 @@ def first_guesses(chain: Chain) -> list[Trajectory]:
     """Trajectories to start solving from."""
     times = np.array([one.time for one in chain.clusters])
     return [
-        smooth(times, linked_places(chain)),
+        smooth(times, gather_linked_places(chain)),
         smooth(times, middles(chain)),
         parabola(times, middles(chain)),
     ]

@@ -11,7 +11,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip, Sweep, SweepPoints
 from instdrive_core.masks.lidar.clusters import thin_rows
 from instdrive_core.masks.lidar.ground import GroundSurface, find_ground
-from instdrive_core.tracks.range_images import RangeImage, build_range_image
+from instdrive_core.tracks.range_images import SweepImage, build_sweep_image
 
 NEAREST, FARTHEST = 2.0, 85.0
 """Metres from the sensor within which points are used."""
@@ -20,7 +20,7 @@ FLOOR, FLOOR_PER_METRE, CEILING = 0.25, 0.002, 4.5
 SPACING = 0.07
 """Metres: each LiDAR's points are thinned to one per cell of this size."""
 GROUND_SPACING = 0.2
-"""The same for the points that the ground is found under."""
+"""Limit for the points below which the ground is found."""
 LATEST = 1.0
 """Seconds that a point's time may lie off its sweep's; beyond, the times are those of another clock."""
 BEARINGS = 72
@@ -33,30 +33,30 @@ class SweepCloud:
 
     index: int
     time: float
-    """Of the time step, seconds as the clip counts them."""
+    """Time of the time step, seconds as the clip counts them."""
     position: Float64[ndarray, "3"]
-    """Of the sensor, roughly."""
+    """Rough place of the sensor."""
     points: Float32[ndarray, "n 3"]
     """Metres, x and y in the world, z above the ground."""
     heights: Float32[ndarray, " n"]
-    """Of the ground under each point, z in the world."""
+    """Height of the ground under each point, z in the world."""
     distance: Float32[ndarray, " n"]
     """Metres from the sensor."""
     sensor: UInt8[ndarray, " n"]
     """Which LiDAR saw each point."""
     times: Float64[ndarray, " n"]
-    """Of each point, seconds; of the time step where the sweep has no times of its own."""
+    """Time of each point, seconds; that of the time step where the sweep has no times of its own."""
     turn: Float64[ndarray, " b"]
-    """When the first LiDAR looked in each direction (`bearing_of`), seconds."""
-    images: tuple[RangeImage, ...]
+    """When the first LiDAR looked in each direction (`compute_bearings`), seconds."""
+    images: tuple[SweepImage, ...]
     """What each LiDAR met, the ground and far points included."""
 
     def time_towards(self, place: Float64[ndarray, "2"]) -> float:
         """When the first LiDAR, which the cameras follow, looked towards a place on the ground."""
-        return float(self.turn[bearing_of(place - self.position[:2])])
+        return float(self.turn[compute_bearings(place - self.position[:2])])
 
 
-def bearing_of(offset: Float64[ndarray, "... 2"]) -> ndarray:
+def compute_bearings(offset: Float64[ndarray, "... 2"]) -> ndarray:
     """Number of the direction of offsets along the ground, 0 to `BEARINGS` - 1."""
     angle = np.arctan2(offset[..., 1], offset[..., 0]) + np.pi
     return np.asarray((angle / (2 * np.pi) * BEARINGS).astype(np.int64) % BEARINGS)
@@ -119,7 +119,7 @@ def _cloud(
 ) -> SweepCloud:
     own = np.full(len(found.points), sweep.time) if times is None else times
     images = tuple(
-        build_range_image(found.points[found.sensor == sensor], position) for sensor in np.unique(found.sensor)
+        build_sweep_image(found.points[found.sensor == sensor], position) for sensor in np.unique(found.sensor)
     )
     rows = np.flatnonzero(np.linalg.norm(found.points - position.astype(np.float32), axis=1) < FARTHEST)
     above = ground.compute_heights_above(found.points[rows])
@@ -144,7 +144,7 @@ def _cloud(
 def _turn(found: SweepPoints, times: Float64[ndarray, " n"], position: Float64[ndarray, "3"]) -> Float64[ndarray, " b"]:
     """Median time of the first LiDAR's points in each direction, that of the nearest direction where it saw none."""
     first = found.sensor == found.sensor.min()
-    bearing = bearing_of(found.points[first, :2] - position[:2])
+    bearing = compute_bearings(found.points[first, :2] - position[:2])
     order = np.lexsort((times[first], bearing))
     counts = np.bincount(bearing, minlength=BEARINGS)
     middle = np.cumsum(counts) - counts + counts // 2

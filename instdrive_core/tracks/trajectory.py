@@ -57,7 +57,7 @@ class Trajectory:
         return float(np.linalg.norm(places[:, None] - places[None], axis=2).max())
 
     def with_knots(self, knots: Float64[ndarray, "k 3"]) -> Trajectory:
-        """The same moments, other poses."""
+        """Copy with other poses at the same moments."""
         return Trajectory(self.start, knots)
 
 

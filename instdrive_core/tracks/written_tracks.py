@@ -9,7 +9,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.twins import merge_twins
 from instdrive_core.scene.track import Track
-from instdrive_core.tracks.boxes import Box
+from instdrive_core.tracks.boxes import TrackBox
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
@@ -17,7 +17,7 @@ SLACK = 0.06
 """Seconds by which a time step may lie outside of what was observed: half a step at 10 Hz."""
 
 
-def write_tracks_of(things: list[SolvedThing], clouds: list[SweepCloud], clip: Clip) -> tuple[Track, ...]:
+def convert_to_tracks(things: list[SolvedThing], clouds: list[SweepCloud], clip: Clip) -> tuple[Track, ...]:
     """The tracks of things, each object once, named by the order in which they appear.
 
     A pose holds for the moment at which the first LiDAR, and with it the cameras, looked at the thing in that step: as
@@ -32,7 +32,7 @@ def _track(name: str, thing: SolvedThing, clouds: list[SweepCloud], clip: Clip) 
     box = thing.box(clouds)
     times, poses = [], []
     for time in sorted({frame.view.time for frame in clip.frames} | {cloud.time for cloud in clouds}):
-        seen = moment_of(thing, clouds, time)
+        seen = find_moment(thing, clouds, time)
         if not thing.trajectory.start - SLACK <= seen <= thing.trajectory.end + SLACK:
             continue
         times.append(time)
@@ -49,7 +49,7 @@ def _track(name: str, thing: SolvedThing, clouds: list[SweepCloud], clip: Clip) 
     )
 
 
-def moment_of(thing: SolvedThing, clouds: list[SweepCloud], time: float) -> float:
+def find_moment(thing: SolvedThing, clouds: list[SweepCloud], time: float) -> float:
     """When the first LiDAR looked at a thing in the turn of a time step, seconds."""
     nearest = min(clouds, key=lambda cloud: abs(cloud.time - time))
     place = thing.trajectory.poses_at(np.array([time]))[0, :2]
@@ -59,7 +59,7 @@ def moment_of(thing: SolvedThing, clouds: list[SweepCloud], time: float) -> floa
     return time + nearest.time_towards(place) - nearest.time
 
 
-def box_pose(thing: SolvedThing, box: Box, time: float, clouds: list[SweepCloud]) -> Float64[ndarray, "4 4"]:
+def box_pose(thing: SolvedThing, box: TrackBox, time: float, clouds: list[SweepCloud]) -> Float64[ndarray, "4 4"]:
     """world_from_box of a thing at a moment; the box's y axis is its heading."""
     x, y, yaw = thing.trajectory.poses_at(np.array([time]))[0]
     cosine, sine = np.cos(yaw), np.sin(yaw)

@@ -33,7 +33,7 @@ class Mover:
 
     track: Track
     times: Float64[ndarray, " s"]
-    """Of the sweeps that show it within reach, seconds."""
+    """Times of the sweeps that show it within reach, seconds."""
     points: int
     """In the sweep that shows most of it."""
 
@@ -58,7 +58,7 @@ class TrackScores:
     false_ids: tuple[str, ...]
 
 
-def annotated_movers(clip: Clip) -> list[Mover]:
+def find_annotated_movers(clip: Clip) -> list[Mover]:
     """Movers of a clip's annotations, each object once, with the sweeps that show them."""
     tracks = merge_twins(clip.tracks).tracks
     places = {frame.view.time: frame.view.camera.position for frame in clip.frames}
@@ -89,7 +89,7 @@ def score_tracks(found: tuple[Track, ...], movers: list[Mover], every: tuple[Tra
 
     Args:
         found: found tracks.
-        movers: of the annotations, see `annotated_movers`.
+        movers: of the annotations, see `find_annotated_movers`.
         every: all annotated tracks: what lies on one that moves at all, or beyond reach, is not false.
     """
     matches: dict[str, list[tuple[str, float]]] = {mover.track.id: [] for mover in movers}

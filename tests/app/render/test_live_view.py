@@ -187,14 +187,14 @@ def test_clicks_read_the_frame_and_ask_the_splats_only_where_it_cannot_tell(cpu_
         asked.append(arguments)
         return instances_at(self, *arguments)
 
-    monkeypatch.setattr(Picker, "instances_at", counted)
+    monkeypatch.setattr(Picker, "find_instances_at", counted)
     session = EditorSession()
     session.show(street)
     tool, state = PickTool(session), state_at(street)
     settle(cpu_view, street, state)
     snapshot = cpu_view.snapshot
     ids = np.append(np.uint32(0), street.scene.instance_ids)[snapshot.winner + 1]
-    y, x = np.argwhere(ids == BLUE_CAR).mean(axis=0).round().astype(int)
+    y, x = np.argwhere(ids == BLUE_CAR).mean(axis=0).round().astype(int).tolist()
     tool.hover(x, y, snapshot)
     assert session.state.hovered == BLUE_CAR
     assert tool.click(Click(float(x), float(y)), snapshot) == BLUE_CAR
