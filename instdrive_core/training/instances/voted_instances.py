@@ -37,13 +37,15 @@ def vote_instances(
 ) -> LearnedInstances:
     """Learn one codeword per object by votes (an `InstanceLearner`); a moving object is one by its track."""
     on_note(f"looking at the masks of {sum(photo.has_masks for photo in store.facts)} photos")
-    observed = measure_mask_weights(model, store, config.instances.min_alpha)
+    refills = config.graph.max_unmasked < 1
+    observed = measure_mask_weights(model, store, config.instances.min_alpha, with_unmasked=refills)
     means = model.parameters["means"].detach().numpy()
     groups = _first_groups(observed, means, model.nodes, config.graph)
     voting = np.flatnonzero(groups >= 0)
     fixed = model.nodes[voting] > 0
     groups[voting] = vote_groups(observed.select_rows(voting), groups[voting], fixed, config.graph)
-    groups = _refill_unmasked(groups, observed, model, config.graph)
+    if refills:
+        groups = _refill_unmasked(groups, observed, model, config.graph)
     groups = fill_from_nearest(groups, means, model.nodes)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
     groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, compute_vote_shares(observed, groups))
