@@ -109,7 +109,7 @@ def test_masks_are_written_with_both_layers_and_read_again(clip, tmp_path):
     np.testing.assert_array_equal(once.labels, twice.labels)
     np.testing.assert_array_equal(once.overlaps[0], twice.overlaps[0])
     (tmp_path / "m" / f"{frame.key}_layer1.png").unlink()
-    with pytest.raises(DataError, match="_layer1.png"):
+    with pytest.raises(DataError, match=r"_layer1\.png"):
         opened.load(frame)
     sidecar = json.loads((tmp_path / "m" / "masks.json").read_text())
     (tmp_path / "m" / "masks.json").write_text(json.dumps(sidecar | {"layers": 999}))
