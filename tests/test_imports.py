@@ -10,7 +10,6 @@ from pathlib import Path
 
 import grimp
 import pytest
-from importlinter.cli import lint_imports
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST_ARROWS = {"instdrive_core.edits": 20, "instdrive_core.training": 55}
@@ -60,9 +59,11 @@ def modules_after(code):
     return {name.split(".")[0] for name in result.stdout.splitlines()[-1].split()}
 
 
-def test_contracts_of_rooms_hold(capsys):
-    status = lint_imports(config_filename=str(ROOT / "pyproject.toml"), no_cache=True)
-    assert status == 0, capsys.readouterr().out
+def test_contracts_of_rooms_hold():
+    """In a process of its own: the linter's configuration of logging switches off the loggers that there are."""
+    command = [sys.executable, "-c", "from importlinter.cli import lint_imports_command; lint_imports_command()"]
+    done = subprocess.run([*command, "--no-cache", "--no-logo"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_circles_are_found():
