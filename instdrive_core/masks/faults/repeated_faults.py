@@ -226,7 +226,7 @@ def _find_parts(photo: _Photo) -> Iterator[_Region]:
 def _find_own_shadows(photo: _Photo) -> Iterator[_Region]:
     """Cast shadows that are masks of their own."""
     family = photo.families[photo.units.objects]
-    for number in np.unique(photo.units.casters[family == GROUND]):
+    for number in np.unique(photo.units.casters[family == GROUND]).tolist():
         if number == 0:
             continue
         share = _draw_shadow(photo, int(number))
