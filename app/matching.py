@@ -7,15 +7,15 @@ from typing import TypeVar
 
 Item = TypeVar("Item")
 
-_WORD_START, _IN_ROW, _ANYWHERE = 8, 5, 1
-"""Points for a letter at the start of a word, right after the last one, or elsewhere."""
+_IN_ROW, _WORD_START, _ANYWHERE = 9, 8, 1
+"""Points for a letter right after the last one, at the start of a word, or elsewhere."""
 
 
 def score_match(typed: str, title: str) -> int | None:
     """Score how well `title` matches `typed`, whose letters must occur in that order; None where they do not.
 
-    Letters at the start of words and letters in a row count more, so that ``exp`` finds ``Export`` before ``Explode at
-    page``, and ``sc`` finds ``Split by component`` at all.
+    Letters at the start of words and letters in a row count more, so that ``sc`` finds ``Split by component`` before
+    ``Rescue``. A row counts most.
     """
     text, wanted = title.lower(), "".join(typed.lower().split())
     # best[j]: the best score of the letters so far with the last one found at j.
@@ -29,8 +29,7 @@ def score_match(typed: str, title: str) -> int | None:
             if before:
                 worth = _WORD_START if place == 0 or not text[place - 1].isalnum() else _ANYWHERE
                 following[place] = max(
-                    score + (max(worth, _IN_ROW) if last == place - 1 and last >= 0 else worth)
-                    for score, last in before
+                    score + (_IN_ROW if last == place - 1 and last >= 0 else worth) for score, last in before
                 )
         best = following
         if not best:
@@ -38,8 +37,17 @@ def score_match(typed: str, title: str) -> int | None:
     return max(best.values())
 
 
-def find_best_matches(typed: str, items: Iterable[Item], title: Callable[[Item], str]) -> list[Item]:
-    """Find the items that match `typed`, best first; all in their order where nothing is typed."""
-    scored = [(score_match(typed, title(item)), item) for item in items]
-    found = [(score, item) for score, item in scored if score is not None]
-    return [item for _, item in sorted(found, key=lambda pair: -pair[0])]
+def find_best_matches(
+    typed: str, items: Iterable[Item], title: Callable[[Item], str], group: Callable[[Item], str] = lambda _: ""
+) -> list[Item]:
+    """Find the items that match `typed` by title or by group and title, best first.
+
+    Of two equal matches the one within a title comes first, so that ``delet`` finds ``Delete`` of the menu ``Edit``
+    before all else in a menu ``Deletion``. All in their order where nothing is typed.
+    """
+    found = []
+    for item in items:
+        within, across = score_match(typed, title(item)), score_match(typed, f"{group(item)} {title(item)}")
+        if across is not None:
+            found.append((max(across, within + 1 if within is not None else 0), item))
+    return [item for _, item in sorted(found, key=lambda pair: -pair[0])] if typed else [item for _, item in found]

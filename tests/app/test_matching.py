@@ -23,3 +23,9 @@ def test_word_starts_and_runs_come_first():
     assert find_best_matches("sel", titles, str)[0] == "Select nothing"
     assert find_best_matches("", titles, str) == titles
     assert find_best_matches("zzz", titles, str) == []
+
+
+def test_titles_come_before_groups_and_rows_of_letters_before_starts_of_words():
+    menus = {"Absorb the shadow": "Deletion", "Delete": "Edit", "Rescue": "File", "Split by component": "Labels"}
+    assert find_best_matches("delet", menus, str, menus.get)[:2] == ["Delete", "Absorb the shadow"]
+    assert find_best_matches("sc", menus, str, menus.get)[0] == "Split by component"

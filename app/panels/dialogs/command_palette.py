@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
@@ -39,9 +41,7 @@ class CommandPalette:
         if not imgui.begin_popup(POPUP, imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move):
             return
         run = self._draw_search(ui)
-        found = find_best_matches(
-            self._typed, (c for c in ui.session.actions if c.menu), lambda c: f"{c.menu} {c.title}"
-        )
+        found = _list_matches(self._typed, ui.session.actions)
         self._move_cursor(len(found))
         clicked = self._draw_list(ui, found)
         if clicked is None and run and found:
@@ -101,3 +101,12 @@ class CommandPalette:
         menu = imgui.calc_text_size(command.menu).x
         draw.add_text(ImVec2(at.x + width - 8 * em - menu, at.y), pack_color(DIM, 0.75), command.menu)
         return clicked
+
+
+def _list_matches(typed: str, actions: Iterable[Action]) -> list[Action]:
+    """The actions of the menus that match, best first; once letters are typed, those that cannot run now come last.
+
+    So Enter runs the best match that can run.
+    """
+    found = find_best_matches(typed, (a for a in actions if a.menu), lambda a: a.title, lambda a: a.menu)
+    return sorted(found, key=lambda action: not action.enabled()) if typed else found
