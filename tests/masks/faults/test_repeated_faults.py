@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
@@ -55,6 +56,7 @@ def test_draws_are_uniform_and_repeat_but_for_the_flipped_ones():
 
 def test_units_agree_with_the_exact_labels(clip):
     units, exact = StreetUnits(clip.path), ExactLabels(clip.path)
+    shaded, lit = [], []
     for frame in clip.frames[:6]:
         pose = frame.view.camera.world_from_camera.copy()
         pose[:3, 3] += clip.origin
@@ -64,8 +66,10 @@ def test_units_agree_with_the_exact_labels(clip):
         assert (seen.objects == known)[known > 0].mean() > 0.9  # one ray a pixel instead of four
         shows_ground = (units.families[seen.objects] == GROUND) & (seen.objects > 0)
         np.testing.assert_array_equal(seen.cells > 0, shows_ground)
-        shaded = (seen.casters > 0)[seen.cells > 0].mean()
-        assert 0 < shaded < 0.9
+        light, is_asphalt = np.asarray(Image.open(frame.view.photo), float).mean(axis=2), (seen.cells > 0) & (seen.coarse == 1)
+        shaded += list(light[is_asphalt & (seen.casters > 0)])
+        lit += list(light[is_asphalt & (seen.casters == 0)])
+    assert np.median(lit) > 1.3 * np.median(shaded)
 
 
 def test_a_third_of_the_photo_lies_in_no_mask_and_more_where_faults_are_strong(masks):
