@@ -66,7 +66,10 @@ def test_units_agree_with_the_exact_labels(clip):
         assert (seen.objects == known)[known > 0].mean() > 0.9  # one ray a pixel instead of four
         shows_ground = (units.families[seen.objects] == GROUND) & (seen.objects > 0)
         np.testing.assert_array_equal(seen.cells > 0, shows_ground)
-        light, is_asphalt = np.asarray(Image.open(frame.view.photo), float).mean(axis=2), (seen.cells > 0) & (seen.coarse == 1)
+        light, is_asphalt = (
+            np.asarray(Image.open(frame.view.photo), float).mean(axis=2),
+            (seen.cells > 0) & (seen.coarse == 1),
+        )
         shaded += list(light[is_asphalt & (seen.casters > 0)])
         lit += list(light[is_asphalt & (seen.casters == 0)])
     assert np.median(lit) > 1.3 * np.median(shaded)
