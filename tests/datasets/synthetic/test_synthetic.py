@@ -80,7 +80,7 @@ def test_holds_the_files_of_pandaset_and_the_labels_beside_them(clip: Path) -> N
     expected |= {f"{folder}/{step}.pkl.gz" for step in steps
                  for folder in ("lidar", "annotations/cuboids", "annotations/semseg")}  # fmt: skip
     expected |= {"lidar/poses.json", "lidar/timestamps.json", "annotations/semseg/classes.json"}
-    expected |= {"meta/gps.json", "meta/timestamps.json", "labels/instances.json"}
+    expected |= {"meta/gps.json", "meta/timestamps.json", "labels/instances.json", "labels/street.json"}
     expected |= {f"labels/{name}/{step}.png" for name in cameras for step in steps}
     expected |= {f"labels/sky/{name}/{step}.png" for name in cameras for step in steps}
     expected |= {f"labels/lidar/{step}.npy" for step in steps}
