@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +27,12 @@ from instdrive_core.datasets.synthetic.pandaset_files import (
 )
 from instdrive_core.datasets.synthetic.sensors.lidar import cast_sweep
 from instdrive_core.datasets.synthetic.sensors.render import StepRenderer
+from instdrive_core.datasets.synthetic.units import CONFIG_FILE, STEP_SECONDS
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.rig import CAMERAS, EGO_HEIGHT, LIDAR_POSITION, RigCamera
 from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.errors import DataError
 
-STEP_SECONDS = 0.1
 START_TIME = 1_600_000_000.0
 """Unix time of step 0."""
 _LATITUDE, _LONGITUDE, _ELEVATION = 37.7761, -122.3993, 3.0  # of the world's origin, in PandaSet's city
@@ -106,6 +107,7 @@ def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list
         for item in street.instances(times[-1])
     }
     write_json(out / "labels" / "instances.json", instances)
+    write_json(out / CONFIG_FILE, asdict(config))
 
 
 def _compute_gps(street: Street, world: Float64[ndarray, "4 4"], time: float) -> dict[str, float]:

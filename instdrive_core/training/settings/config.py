@@ -161,6 +161,11 @@ class GraphConfig:
     """Share of Gaussians that change, below which voting ends."""
     min_fit: float = 0.2
     """Groups that fit their masks less (mean of the best IoU per photo) are fragments and are given away."""
+    max_unmasked: float = 1.0
+    """Gaussians that show more than this share of their weight where no mask is take the ID of similar neighbours; 1 =
+    none do."""
+    similar_neighbors: int = 16
+    """Neighbours among which the most similar one is chosen."""
 
 
 @dataclass(frozen=True)
