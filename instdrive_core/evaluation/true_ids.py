@@ -49,7 +49,7 @@ def find_true_ids(
     for time, group in groupby(frames, key=lambda frame: frame.view.time):
         world = place_world_gaussians(scene, time)
         for frame in group:
-            votes = _add_rows(votes, _collect_votes(world, frame, load_ids(frame), done))
+            votes = _add_rows(votes, _collect_votes(world, frame, load_ids(frame), done), len(scene))
             done += 1
             progress(done, len(frames))
     return _fill_from_nearest(_choose_most_voted(votes, len(scene)), scene)
@@ -78,11 +78,11 @@ def _choose_grid(ids: UInt32[ndarray, "h w"], number: int) -> Int64[ndarray, " p
     return np.flatnonzero(shown)
 
 
-def _add_rows(sums: csr_array, more: csr_array) -> csr_array:
-    """Add two matrices of which either may lack the last rows."""
-    rows = max(sums.shape[0], more.shape[0])
+def _add_rows(sums: csr_array, more: csr_array, count: int) -> csr_array:
+    """Add two matrices of `count` columns, of which either may lack the last rows."""
+    rows = max(len(sums.indptr), len(more.indptr)) - 1
     for part in (sums, more):
-        part.resize((rows, part.shape[1]))
+        part.resize((rows, count))
     return csr_array(sums + more)
 
 

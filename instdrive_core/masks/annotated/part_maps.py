@@ -78,13 +78,15 @@ def _fill_label(
 ) -> tuple[Int32[ndarray, "h w"], int, UInt32[ndarray, "h w"]]:
     """Connected regions of one label from 1 on, how many there are, and the part of each of its pixels."""
     regions = np.empty(inside.shape, np.int32)
-    count = int(ndimage.label(inside, _NEIGHBOURS, output=regions))
+    ndimage.label(inside, _NEIGHBOURS, output=regions)
+    count = int(regions.max(initial=0))
     seeds = np.where(inside, seeds, 0).astype(np.uint32)
     kinds = np.unique(seeds[seeds > 0])
     if len(kinds) == 1:
         return regions, count, np.full(inside.shape, kinds[0], np.uint32)
-    rows, columns = ndimage.distance_transform_edt(seeds == 0, return_distances=False, return_indices=True)
-    parts = seeds[rows, columns]
+    nearest = np.empty((2, *inside.shape), np.int32)
+    ndimage.distance_transform_edt(seeds == 0, return_distances=False, return_indices=True, indices=nearest)
+    parts = seeds[nearest[0], nearest[1]]
     highest, lowest = np.zeros(count + 1, np.uint32), np.full(count + 1, np.iinfo(np.uint32).max, np.uint32)
     seeded = seeds > 0
     np.maximum.at(highest, regions[seeded], seeds[seeded])

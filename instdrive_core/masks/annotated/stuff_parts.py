@@ -93,7 +93,8 @@ def _join_small(
         if not len(large_rows):
             continue
         distances, nearest = KDTree(points[large_rows]).query(points[small_rows], distance_upper_bound=SMALL_REACH)
-        for row in np.argsort(-np.asarray(distances), kind="stable").tolist():  # the nearest is written last
+        distances, nearest = np.asarray(distances), np.asarray(nearest)
+        for row in np.argsort(-distances, kind="stable").tolist():  # the nearest is written last
             if np.isfinite(distances[row]):
                 joined[parts[small_rows[row]]] = parts[large_rows[nearest[row]]]
     return joined[parts]

@@ -22,6 +22,7 @@ class _Known:
     """Region of each part of stuff; things stand for themselves."""
     maps: dict[str, tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]]
     """IDs by part, and the sky, of each held-out photo by its key."""
+    instances: dict[int, GroundTruthInstance]
 
 
 class AnnotatedTruth:
@@ -42,12 +43,15 @@ class AnnotatedTruth:
         self._label_of_class = assign_class_ids(clip.class_names, {fact.class_name: fact.id for fact in stuff})
         self._label_of_class[self._label_of_class == NOTHING] = UNKNOWN
 
-    @cached_property
+    @property
     def instances(self) -> dict[int, GroundTruthInstance]:
         """Facts of each ID."""
+        return self._known.instances
+
+    def _list_instances(self, regions: UInt32[ndarray, " ids"]) -> dict[int, GroundTruthInstance]:
         members: dict[int, list[int]] = {}
         for part in np.flatnonzero(self.labels.stuff.label_of_part != UNKNOWN).tolist():
-            members.setdefault(int(self._known.regions[part]), []).append(part)
+            members.setdefault(int(regions[part]), []).append(part)
         return self.labels.list_regions((region, tuple(parts)) for region, parts in members.items())
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
@@ -77,4 +81,4 @@ class AnnotatedTruth:
             counts.append(pixels)
         regions = np.arange(1 + max(self.labels.instances, default=0), dtype=np.uint32)
         regions[: self.labels.first_thing] = merge_into_regions(counts, self.labels.stuff.label_of_part)
-        return _Known(regions, maps)
+        return _Known(regions, maps, self._list_instances(regions))
