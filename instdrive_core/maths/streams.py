@@ -74,8 +74,6 @@ class Stream(IntEnum):
     """Pixels that are clicked on; by view and object."""
     DELETIONS = 1302
     """Deletions that are measured where there are too many."""
-    ORACLE_PIXELS = 1303
-    """Labelled pixels that the oracle looks at; by frame."""
     RANDOM_IDS = 1304
     """IDs of the random control."""
 
