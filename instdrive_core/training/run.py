@@ -11,6 +11,7 @@ from typing import Any
 import numba
 import torch
 
+from instdrive_core.datasets.checks.drive import describe_faults
 from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError, OptionError
@@ -18,6 +19,7 @@ from instdrive_core.files.atomic import write_bytes
 from instdrive_core.formats.folder.scenes import write_scene_folder
 from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.masks.making import ensure_masks
+from instdrive_core.masks.photo_fit import describe_misfit
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.choice import TrackSource, with_tracks
@@ -98,7 +100,7 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
         f"{len(clip.training_frames)} training photos, {len(clip.held_out_frames)} held out; "
         + (f"masks: {masks.source}" if masks else "no masks: training RGB only")
     )
-    for note in clip.notes:
+    for note in (*clip.notes, *_describe_faults(clip, masks)):
         notes.add(note)
     _note_what_is_missing(clip, request.config, notes.add)
     with open_view_store(clip, masks) as store:
@@ -142,6 +144,12 @@ def _export_exposures(trainer: Trainer) -> Exposures | None:
     if trainer.config.freeze_geometry or not trainer.config.geometry.exposure_lr:
         return None
     return export_exposures(trainer.model.shared["exposures"], trainer.store.facts)
+
+
+def _describe_faults(clip: Clip, masks: MaskFolder | None) -> list[str]:
+    """What does not belong together in a clip and its masks."""
+    misfit = None if masks is None else describe_misfit(clip, masks)
+    return [*describe_faults(clip), *([] if misfit is None else [misfit])]
 
 
 def _note_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:
