@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ from instdrive_core.training.instances.scene_export import export_trained_scene
 from instdrive_core.training.instances.voted_instances import vote_instances
 from instdrive_core.training.memory_check import check_training_memory, measure_peak_memory
 from instdrive_core.training.run_log import RunLog
+from instdrive_core.training.settings.clip_size import AskedSizes, fit_to_clip, measure_way
 from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, TrainConfig
 from instdrive_core.training.settings.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.trainer import Trainer
@@ -61,6 +62,8 @@ class RunRequest:
     device: Device = "auto"
     learner: InstanceLearner | None = None
     """Learns instances in place of the trainer's instance stage (baselines)."""
+    sizes: AskedSizes | None = None
+    """Stretch `config` to the clip, but for what is asked for here; None = train `config` as it is."""
     tracks: TrackSource | None = None
     """Where moving objects are taken from; None = cuboids where the clip has some, else found in its sweeps."""
 
@@ -93,6 +96,9 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     clip = load_clip(str(request.clip), request.options)
     if not clip.training_frames:
         raise DataError(request.clip, "no photo of a training time step was found", "Check cameras and frame range.")
+    if request.sizes is not None:
+        request = replace(request, config=fit_to_clip(request.config, clip, request.sizes))
+        notes.add(_describe_sizes(request.config, clip))
     check_training_memory(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
     clip = with_tracks(clip, request.tracks, out, notes.add)
@@ -144,6 +150,14 @@ def _export_exposures(trainer: Trainer) -> Exposures | None:
     if trainer.config.freeze_geometry or not trainer.config.geometry.exposure_lr:
         return None
     return export_exposures(trainer.model.shared["exposures"], trainer.store.facts)
+
+
+def _describe_sizes(config: TrainConfig, clip: Clip) -> str:
+    way = "" if clip.points is not None else f" along {measure_way(clip):.0f} m"
+    return (
+        f"{len(clip.training_frames)} training photos{way}: {config.geometry.iterations:,} iterations, "
+        f"up to {config.densify.max_gaussians:,} Gaussians"
+    )
 
 
 def _describe_faults(clip: Clip, masks: MaskFolder | None) -> list[str]:
