@@ -15,8 +15,8 @@ from instdrive_core.training.settings.config import TrainConfig
 
 USUAL_PHOTOS = 162
 """Training photos that presets are made for: 27 steps of six cameras."""
-USUAL_WAY = 15.0
-"""Metres that such a clip drives."""
+USUAL_WAY = 21.0
+"""Metres that such a clip drives at 7 m/s."""
 SEEN_AROUND = 20.0
 """Metres before and behind the drive that are seen closely."""
 USUAL_PIXELS = 480 * 270
