@@ -36,7 +36,8 @@ def describe_pose(pose: Pose) -> dict[str, dict[str, float]]:
 def write_table(path: Path, columns: dict[str, ndarray], index_name: str | None = None) -> None:
     """Write a gzipped pickle of a plain DataFrame: numpy columns, column names as objects rather than pandas' own
     strings, no time of day in the gzip header."""
-    table = pd.DataFrame(columns)
+    with pd.option_context("mode.string_storage", "python"):  # pickles are the same whether or not pyarrow is there
+        table = pd.DataFrame(columns)
     table.columns = pd.Index(list(columns), dtype=object)
     table.index.name = index_name
     path.parent.mkdir(parents=True, exist_ok=True)
