@@ -20,7 +20,7 @@ class ClipDifference:
     photos_equal: bool
     """Whether all of them have equal pixels."""
     pose_error: float
-    """Difference of any number of a camera's pose (metres for its position), relative to the first camera's first pose."""
+    """Difference of any number of a pose (metres in its position), relative to the first camera's first pose."""
     lens_error: float
     """Pixels, of fx, fy, cx, cy."""
     sweeps: int

@@ -10,6 +10,9 @@ from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.colmap.clips import holds_colmap, load_colmap
 from instdrive_core.datasets.drivestudio.clips import holds_drivestudio, load_drivestudio
 from instdrive_core.datasets.drivestudio.write import write_drivestudio
+from instdrive_core.datasets.kitti.raw import holds_kitti_raw, load_kitti_raw
+from instdrive_core.datasets.kitti.tracking import holds_kitti_tracking, load_kitti_tracking
+from instdrive_core.datasets.kitti.write import write_kitti_raw, write_kitti_tracking
 from instdrive_core.datasets.nerfstudio import holds_nerfstudio, load_nerfstudio
 from instdrive_core.datasets.pandaset.clips import holds_pandaset, load_pandaset
 from instdrive_core.datasets.recording import Recording
@@ -42,6 +45,20 @@ DATA_SETS = (
         holds_drivestudio,
         load_drivestudio,
         write_drivestudio,
+    ),
+    DataSet(
+        "KITTI raw",
+        "a synchronised drive with 'image_02' and 'oxts', its calibration beside it, e.g. 2011_09_26_drive_0001_sync",
+        holds_kitti_raw,
+        load_kitti_raw,
+        write_kitti_raw,
+    ),
+    DataSet(
+        "KITTI tracking",
+        "a sequence's photos, e.g. training/image_02/0004, with 'calib', 'oxts' and the rest beside 'image_02'",
+        holds_kitti_tracking,
+        load_kitti_tracking,
+        write_kitti_tracking,
     ),
 )
 """Asked in this order. A new data set is its file or room, a line here, and its test."""
