@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from instdrive_core.datasets.argoverse.clips import holds_argoverse, load_argoverse
+from instdrive_core.datasets.argoverse.write import write_argoverse
 from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.colmap.clips import holds_colmap, load_colmap
 from instdrive_core.datasets.drivestudio.clips import holds_drivestudio, load_drivestudio
@@ -59,6 +61,13 @@ DATA_SETS = (
         holds_kitti_tracking,
         load_kitti_tracking,
         write_kitti_tracking,
+    ),
+    DataSet(
+        "Argoverse 2",
+        "one log of the sensor data set, with 'city_SE3_egovehicle.feather', 'calibration' and 'sensors'",
+        holds_argoverse,
+        load_argoverse,
+        write_argoverse,
     ),
 )
 """Asked in this order. A new data set is its file or room, a line here, and its test."""

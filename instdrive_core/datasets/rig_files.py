@@ -93,7 +93,8 @@ def require_pose(file: Path, matrix: Float[ndarray, "r c"], where: str) -> Float
 def build_pose(file: Path, quaternion: Any, position: Any, where: str) -> Float64[ndarray, "4 4"]:
     """Build a pose of a quaternion wxyz and a position in metres. Raises DataError where they are none."""
     turn, place = (_require_vector(file, value, where) for value in (quaternion, position))
-    if len(turn) != 4 or len(place) != 3 or abs(np.linalg.norm(turn) - 1) > 0.01 or np.abs(place).max() >= FARTHEST:
+    is_pose = len(turn) == 4 and len(place) == 3 and np.abs(turn).max() < 2 and np.abs(place).max() < FARTHEST
+    if not is_pose or abs(np.linalg.norm(turn) - 1) > 0.01:
         problem = f"{where} is no rotation and position: {turn.tolist()}, {place.tolist()}"
         raise DataError(file, problem, _REMEDY)
     pose = np.eye(4)
