@@ -16,6 +16,8 @@ from instdrive_core.datasets.kitti.raw import holds_kitti_raw, load_kitti_raw
 from instdrive_core.datasets.kitti.tracking import holds_kitti_tracking, load_kitti_tracking
 from instdrive_core.datasets.kitti.write import write_kitti_raw, write_kitti_tracking
 from instdrive_core.datasets.nerfstudio import holds_nerfstudio, load_nerfstudio
+from instdrive_core.datasets.nuscenes.clips import holds_nuscenes, holds_t4, load_nuscenes, load_t4
+from instdrive_core.datasets.nuscenes.write import write_nuscenes, write_t4
 from instdrive_core.datasets.pandaset.clips import holds_pandaset, load_pandaset
 from instdrive_core.datasets.recording import Recording
 from instdrive_core.errors import DataError
@@ -69,6 +71,14 @@ DATA_SETS = (
         load_argoverse,
         write_argoverse,
     ),
+    DataSet(
+        "nuScenes",
+        "tables in 'v1.0-…', and the name of a scene after the folder, e.g. nuscenes/scene-0061",
+        holds_nuscenes,
+        load_nuscenes,
+        write_nuscenes,
+    ),
+    DataSet("T4", "a data set of TIER IV with tables in 'annotation'", holds_t4, load_t4, write_t4),
 )
 """Asked in this order. A new data set is its file or room, a line here, and its test."""
 
