@@ -123,6 +123,8 @@ class EditorState:
     id_opacity: float = DEFAULT_ID_OPACITY
     show_sky: bool = True
     show_outlines: bool = True
+    stay_above_ground: bool = True
+    """Whether orbiting stops above the ground."""
     reference: Reference = Reference.NONE
     reference_opacity: float = 0.5
     reference_beside: bool = False

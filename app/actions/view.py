@@ -62,6 +62,15 @@ def list_actions(session: EditorSession) -> list[Action]:
             icon="ICON_FA_MAXIMIZE",
         ),
         Action(
+            "view.start",
+            "Start view",
+            session.navigation.look_from_start,
+            "View",
+            ("Ctrl+Home",),
+            enabled=lambda: session.document is not None,
+            icon="ICON_FA_HOUSE",
+        ),
+        Action(
             "view.birds_eye",
             "Bird's eye",
             lambda: session.navigation.look_down(session.selection.ids),
@@ -72,6 +81,9 @@ def list_actions(session: EditorSession) -> list[Action]:
         ),
         _create_switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
         _create_switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
+        _create_switch(
+            session, "view.above_ground", "Orbit above the ground only", "stay_above_ground", "ICON_FA_ROAD"
+        ),
     ]
 
 

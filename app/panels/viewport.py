@@ -140,7 +140,7 @@ class ViewportPanel:
             return viewpoint
         if button == 2 or (button == 0 and io.key_shift):
             return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fit_camera(place.width, place.height).fx)
-        turn = camera.look if button == 1 and not ui.tool.drags else camera.orbit
+        turn = camera.look if button == 1 and not ui.tool.drags else ui.session.navigation.orbit
         return turn(viewpoint, -dx * TURN_PER_PIXEL / scale_pixels(1), -dy * TURN_PER_PIXEL / scale_pixels(1))
 
     def _drag_tool(self, ui: Ui, start: Point, to: Point) -> None:

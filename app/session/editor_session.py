@@ -93,6 +93,7 @@ class EditorSession:
         self.files.autosave.follow(opened.document, opened.path, opened.restored)
         if opened.view is not None:
             restore_view(opened.view, self.state, self.navigation, len(opened.document.scene.views))
+            self.navigation.keep_start()
         for note in opened.notes:
             self.messages.info(note)
         self.files.defects = opened.defects

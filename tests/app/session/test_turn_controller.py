@@ -7,7 +7,8 @@ import pytest
 from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.camera import frame_scene, look_straight_down
+from instdrive_app.camera import look_straight_down
+from instdrive_app.framing import frame_scene
 from instdrive_app.panels.dialogs.turn_upright import describe_guess, describe_turn
 from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_core.edits.document.document import Document
