@@ -122,6 +122,10 @@ class EditorState:
     """Whether region tools leave out what is hidden behind something."""
     id_opacity: float = DEFAULT_ID_OPACITY
     show_sky: bool = True
+    plain_solo: bool = True
+    """Whether what is shown alone stands before a plain backdrop instead of the sky."""
+    is_solo: bool = False
+    """Whether instances are shown alone; the session keeps it up to date."""
     show_outlines: bool = True
     stay_above_ground: bool = True
     """Whether orbiting stops above the ground."""
@@ -129,6 +133,11 @@ class EditorState:
     reference_opacity: float = 0.5
     reference_beside: bool = False
     """Whether photo or masks are shown beside the splats instead of over them."""
+
+    @property
+    def draws_sky(self) -> bool:
+        """Whether the sky is drawn behind the splats."""
+        return self.show_sky and not (self.is_solo and self.plain_solo)
 
 
 @dataclass(frozen=True)
@@ -154,7 +163,7 @@ def resolve(state: EditorState, width: int, height: int, draft: bool = False) ->
         view_mode=state.view_mode,
         hovered=state.hovered,
         id_opacity=state.id_opacity,
-        show_sky=state.show_sky,
+        show_sky=state.draws_sky,
         show_outlines=state.show_outlines,
         draft=draft,
     )

@@ -80,6 +80,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             icon="ICON_FA_DOVE",
         ),
         _create_switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
+        _create_switch(session, "view.plain_solo", "Plain backdrop when shown alone", "plain_solo", "ICON_FA_SQUARE"),
         _create_switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
         _create_switch(
             session, "view.above_ground", "Orbit above the ground only", "stay_above_ground", "ICON_FA_ROAD"

@@ -116,6 +116,7 @@ class EditorSession:
         self.orientation.tick()
         self._deferred_bounds.tick()
         self.navigation.tick(seconds)
+        self.state.is_solo = bool(self.visibility.solo.ids)
 
     def quit(self) -> None:
         """Close the window after this frame."""

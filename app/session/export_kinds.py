@@ -75,7 +75,7 @@ class ExportRequest:
     @classmethod
     def capture(cls, document: Document, path: Path, choice: ExportChoice, state: EditorState) -> ExportRequest:
         """Capture the time and view shown now."""
-        return cls(document, path, choice, state.time, state.viewpoint, state.view_mode, state.show_sky)
+        return cls(document, path, choice, state.time, state.viewpoint, state.view_mode, state.draws_sky)
 
 
 @dataclass(frozen=True)
