@@ -102,6 +102,19 @@ def make_default_viewpoint() -> Viewpoint:
     return Viewpoint(pose, Intrinsics.from_field_of_view(50.0))
 
 
+@dataclass(frozen=True)
+class Stack:
+    """The instances at one place of the picture, front to back, of which the user has gone through some."""
+
+    ids: tuple[int, ...]
+    chosen: int
+    """Index of the one that is selected."""
+    place: tuple[float, float]
+    """Pixels of the picture."""
+    pose: bytes
+    """The camera's, as bytes: the list holds for this view only."""
+
+
 @dataclass
 class EditorState:
     """Everything but edits that changes the picture. Written by actions, tools and panels."""
@@ -114,6 +127,8 @@ class EditorState:
     """Index into the scene's views while the viewport looks through one of them, else None."""
     hovered: int = 0
     """Instance under the cursor; 0 = none."""
+    stack: Stack | None = None
+    """What lies behind each other where the user has clicked again; None unless that is listed."""
     tool: str = "pick"
     """Name of the tool in the user's hand."""
     region_splats: bool = False
