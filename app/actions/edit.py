@@ -5,7 +5,7 @@ from __future__ import annotations
 from instdrive_app.action import Action
 from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import AskName, OfferCleanup
+from instdrive_app.session.requests import AskName, OfferCleanup, ShowPanel
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -43,6 +43,10 @@ def _list_history(session: EditorSession) -> list[Action]:
 
 
 def _list_changes(session: EditorSession) -> list[Action]:
+    def ask_color() -> None:
+        session.colors.ask_color()
+        session.requests.put(ShowPanel("Inspector"))
+
     return [
         Action(
             "edit.delete",
@@ -57,13 +61,12 @@ def _list_changes(session: EditorSession) -> list[Action]:
         ),
         Action(
             "edit.recolor",
-            "Recolour",
-            lambda: session.colors.recolor_as_picked(session.selection.ids),
+            "Recolour…",
+            ask_color,
             "Edit",
             ("C",),
             enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_PAINTBRUSH",
-            undoable=True,
         ),
         Action(
             "edit.reset_colors",

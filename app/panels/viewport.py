@@ -182,7 +182,11 @@ class ViewportPanel:
         ui.tool.hover(x, y, snapshot)
         if self._drags or not hovered:
             return
-        if imgui.is_mouse_released(0):
+        if imgui.is_mouse_released(0) and ui.session.colors.picks_reference:
+            row = ui.view.find_row_at(x, y)
+            if row is not None:
+                ui.session.colors.take_reference_from(row)
+        elif imgui.is_mouse_released(0):
             ui.tool.click(click, snapshot)
         if imgui.is_mouse_released(1) and ui.session.state.hovered:
             self._menu_instance = ui.session.state.hovered
