@@ -27,6 +27,8 @@ def list_actions(session: EditorSession) -> list[Action]:
             "Edit",
             enabled=has_residue,
             icon="ICON_FA_BROOM",
+            words=("clean", "noise"),
+            needs="No deletion has left residue",
             separator=True,
             undoable=True,
         ),
@@ -37,6 +39,8 @@ def list_actions(session: EditorSession) -> list[Action]:
             "Edit",
             enabled=has_hole,
             icon="ICON_FA_FILL_DRIP",
+            words=("inpaint", "repair"),
+            needs="There is no hole to fill",
             undoable=True,
         ),
         Action(
@@ -46,5 +50,6 @@ def list_actions(session: EditorSession) -> list[Action]:
             "View",
             enabled=lambda: review.findings is not None,
             icon="ICON_FA_XMARK",
+            needs="There is no report to dismiss",
         ),
     ]

@@ -29,6 +29,7 @@ def _list_history(session: EditorSession) -> list[Action]:
             ("Ctrl+Z",),
             enabled=lambda: can_step(back=True),
             icon="ICON_FA_ROTATE_LEFT",
+            needs="There is nothing to undo",
         ),
         Action(
             "edit.redo",
@@ -38,6 +39,7 @@ def _list_history(session: EditorSession) -> list[Action]:
             ("Ctrl+Shift+Z", "Ctrl+Y"),
             enabled=lambda: can_step(back=False),
             icon="ICON_FA_ROTATE_RIGHT",
+            needs="There is nothing to redo",
         ),
     ]
 
@@ -56,6 +58,7 @@ def _list_changes(session: EditorSession) -> list[Action]:
             ("Delete",),
             enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_TRASH",
+            words=("remove", "erase"),
             undoable=True,
             separator=True,
         ),
@@ -67,6 +70,7 @@ def _list_changes(session: EditorSession) -> list[Action]:
             ("C",),
             enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_PAINTBRUSH",
+            words=("paint", "color", "colour", "tint"),
         ),
         Action(
             "edit.reset_colors",
@@ -134,6 +138,7 @@ def _list_visibility(session: EditorSession) -> list[Action]:
             enabled=lambda: bool(session.selection.ids or session.visibility.solo.ids),
             checked=lambda: bool(session.visibility.solo.ids),
             icon="ICON_FA_BULLSEYE",
+            words=("crop", "isolate"),
             undoable=True,
         ),
         Action(
@@ -158,6 +163,7 @@ def _list_cleanup(session: EditorSession) -> list[Action]:
             "Edit",
             enabled=lambda: is_editable(session) and bool(session.files.defects),
             icon="ICON_FA_BROOM",
+            needs="This scene has no odd splats",
             separator=True,
             undoable=True,
         ),
