@@ -44,6 +44,16 @@ def list_actions(session: EditorSession) -> list[Action]:
             undoable=True,
         ),
         Action(
+            "deletion.fill_all",
+            "Fill all holes",
+            review.fill_all,
+            "Edit",
+            enabled=has_hole,
+            icon="ICON_FA_FILL_DRIP",
+            needs="There is no hole to fill",
+            undoable=True,
+        ),
+        Action(
             "deletion.clear",
             "Dismiss the deletion report",
             review.clear,

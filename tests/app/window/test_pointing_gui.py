@@ -31,4 +31,11 @@ def test_a_car_is_framed_gone_behind_and_orbited_without_diving_under_the_road(w
     assert 0 < height < 1.0, "the drag ends just above the road"
     window.key("ctrl+Home")
     window.wait_for(lambda state: np.allclose(state["camera"]["world_from_camera"], start), "the start view")
+    window.key("ctrl+p")
+    window.wait_for_widget("palette.search")
+    window.type("fill the hole of")
+    window.wait_for_widget("palette.deletion.fill")
+    window.key("Return")
+    window.wait_for_widget("palette.reason")
+    window.key("Escape")
     assert window.quit() == 0
