@@ -16,6 +16,7 @@ from instdrive_app.state import Viewpoint
 from instdrive_app.timeline import Timeline
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.ground_height import estimate_ground_height
+from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity
 
@@ -63,6 +64,9 @@ class Navigation:
         self._state.time, self._state.dataset_view = self.timeline.start, None
         if scene.views:
             self.look_through(0)
+        elif scene.start is not None:
+            start = CameraView(scene.start, "start view", 0, 0.0)
+            self.look_from(camera.view_from_camera(start, self._state.viewpoint.pivot_distance))
         else:
             self.look_from(frame_scene(self._find_framed_means()))
         self.keep_start()

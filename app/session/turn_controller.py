@@ -42,7 +42,12 @@ class TurnController:
         Where it comes from another program and seems to lie on its side, the user is told how to turn it upright.
         """
         self._seen, self._stated = (document, document.orientation), stated
-        if not len(document.scene.table) and not document.scene.views and not document.history.edits:
+        if (
+            not len(document.scene.table)
+            and not document.scene.views
+            and not document.history.edits
+            and document.scene.start is None
+        ):
             self.guess_up(self._tell)
 
     def guess_up(self, then: Callable[[UpEstimate], None] = lambda _: None) -> None:

@@ -1,7 +1,9 @@
 """Where the user looks from: orbiting keeps above the ground, and the first view comes back."""
 
 import numpy as np
+from session_driver import finish
 
+from instdrive_app.session.export_kinds import ExportChoice
 from instdrive_app.state import Viewpoint
 from instdrive_core.scene.camera import look_at
 
@@ -32,3 +34,15 @@ def test_the_start_view_comes_back(session):
     np.testing.assert_array_equal(session.state.viewpoint.world_from_camera, start.world_from_camera)
     assert session.state.dataset_view == 0
     assert session.state.time == 0.0
+
+
+def test_an_exported_ply_opens_as_it_was_left(session, tmp_path):
+    session.navigation.look_down(())
+    left = session.state.viewpoint
+    session.export.write(tmp_path / "street.ply", ExportChoice("scene"))
+    finish(session)
+    session.files.open(tmp_path / "street.ply")
+    finish(session)
+    np.testing.assert_allclose(session.state.viewpoint.world_from_camera, left.world_from_camera)
+    assert session.document.scene.sky is not None
+    assert session.orientation.estimate is None, "nobody asks which way is up"
