@@ -14,7 +14,9 @@ def list_actions(session: EditorSession) -> list[Action]:
     state = session.state
 
     def looks_through_camera() -> bool:
-        return state.dataset_view is not None
+        if state.dataset_view is None or session.document is None:
+            return False
+        return bool(session.document.scene.views[state.dataset_view].photo) or state.reference is not Reference.NONE
 
     def show(kind: Reference) -> Callable[[], None]:
         def run() -> None:
