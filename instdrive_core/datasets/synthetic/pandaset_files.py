@@ -34,9 +34,10 @@ def describe_pose(pose: Pose) -> dict[str, dict[str, float]]:
 
 
 def write_table(path: Path, columns: dict[str, ndarray], index_name: str | None = None) -> None:
-    """Write a gzipped pickle of a plain DataFrame: numpy columns, column names as objects rather than pandas' own
-    strings, no time of day in the gzip header."""
-    table = pd.DataFrame(columns)
+    """Write a gzipped pickle of a plain DataFrame: numpy columns, texts and column names as objects rather than pandas'
+    own strings (which need pyarrow where that is installed), no time of day in the gzip header."""
+    texts = {name: pd.Series(values, dtype=object) for name, values in columns.items() if values.dtype.kind in "OU"}
+    table = pd.DataFrame(columns | texts)
     table.columns = pd.Index(list(columns), dtype=object)
     table.index.name = index_name
     path.parent.mkdir(parents=True, exist_ok=True)

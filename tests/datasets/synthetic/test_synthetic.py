@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 from pathlib import Path
@@ -93,6 +94,8 @@ def test_tables_have_the_columns_and_types_of_pandaset(clip: Path, pandaset_clip
         real = read_pickle(pandaset_clip / folder / f"{theirs}.pkl.gz")
         assert list(mine) == list(real)
         assert [column.dtype for column in mine.values()] == [column.dtype for column in real.values()]
+        # pandas' own kinds of text change with its version and with pyarrow at hand.
+        assert b"StringArray" not in gzip.decompress((clip / folder / f"{ours}.pkl.gz").read_bytes())
     classes = "annotations/semseg/classes.json"
     assert json.loads((clip / classes).read_text()) == json.loads((pandaset_clip / classes).read_text())
 
