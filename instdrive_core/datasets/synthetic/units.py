@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.config import CONFIG_FILE, STEP_SECONDS, RecordingFlaws, StreetConfig
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.materials import (
     BARK,
@@ -26,17 +26,15 @@ from instdrive_core.datasets.synthetic.world.materials import (
     STRIPES,
     WINDOW,
 )
+from instdrive_core.datasets.synthetic.world.rig import CAMERAS
 from instdrive_core.datasets.synthetic.world.street import StepGeometry
+from instdrive_core.datasets.synthetic.write import compute_ego_pose
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.json_fields import read_json, require_field
-from instdrive_core.scene.camera import Camera
 
 if TYPE_CHECKING:
     from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
 
-CONFIG_FILE = "labels/street.json"
-"""Where a clip keeps the config of its street."""
-STEP_SECONDS = 0.1
 GROUND_CELL, ROAD_CELL, CROWN_CELL, STOREY, BAY = 5.0, 15.0, 2.0, 3.0, 2.6
 """Sizes of the units, metres."""
 SHADOW_REACH = 150.0
@@ -82,16 +80,16 @@ class StreetUnits:
     """The street of a synthetic clip, asked photo by photo."""
 
     def __init__(self, clip_path: str | Path) -> None:
-        """Raises DataError where the clip keeps no config of its street, or a damaged one."""
+        """Raises DataError where the clip keeps no config of its street, a damaged one, or one with rolling shutter."""
         file = Path(clip_path) / CONFIG_FILE
         if not file.is_file():
             raise DataError(file, "is missing: the street cannot be built again to find its parts", _REMEDY)
-        entries = read_json(file)
-        values = {field.name: require_field(file, entries, field.name) for field in fields(StreetConfig)}
-        try:
-            config = StreetConfig(**values)
-        except (OptionError, TypeError) as error:
-            raise DataError(file, f"holds no config of a street ({error})", _REMEDY) from error
+        config = _read_config(file)
+        if config.flaws.shutter_seconds > 0:
+            problem = (
+                f"shutter_seconds is {config.flaws.shutter_seconds:g}: parts are only known of photos taken at once"
+            )
+            raise DataError(file, problem, "Write the clip without rolling shutter, or use the faults sam-v1")
         self.street = build_street(config)
         self.families = np.zeros(len(self.street.fixtures) + len(self.street.actors) + 1, np.int64)
         labels = [fixture.label for fixture in self.street.fixtures] + [actor.label for actor in self.street.actors]
@@ -99,16 +97,16 @@ class StreetUnits:
         self._step: tuple[int, StepGeometry, RayScene] | None = None
         self.is_thing = np.array([False, *(item.kind == "thing" for item in self.street.instances(0.0))])
 
-    def look(self, camera: Camera, index: int) -> PixelUnits:
-        """Cast a ray through each pixel at step `index`; the camera's pose is in the world, no origin subtracted."""
+    def look(self, camera: str, index: int, width: int, height: int) -> PixelUnits:
+        """Cast a ray through each pixel of a photo of `width`×`height` pixels, taken by a camera of the rig at step
+        `index` from where the camera truly was."""
         geometry, rays = self._build_step(index)
-        street_from_world = np.linalg.inv(self.street.world_from_street())
-        directions = np.ascontiguousarray(
-            camera.compute_ray_directions().reshape(-1, 3) @ street_from_world[:3, :3].T, np.float32
-        )
-        origin = (street_from_world[:3, :3] @ camera.position + street_from_world[:3, 3]).astype(np.float32)
+        rig_camera = next(known for known in CAMERAS if known.name == camera)
+        placed = rig_camera.place(compute_ego_pose(self.street, index * STEP_SECONDS), width, height)
+        directions = np.ascontiguousarray(placed.compute_ray_directions().reshape(-1, 3), np.float32)
+        origin = placed.position.astype(np.float32)
         hits = rays.find_first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
-        shape = (camera.height, camera.width)
+        shape = (height, width)
         struck = np.flatnonzero(hits.triangles >= 0)
         triangles = hits.triangles[struck]
         corners = geometry.mesh.corners[triangles]
@@ -148,6 +146,15 @@ class StreetUnits:
         casters = np.zeros(len(points), np.int32)
         casters[lit[shaded]] = geometry.instances[hits.triangles[shaded]]
         return casters
+
+
+def _read_config(file: Path) -> StreetConfig:
+    entries = read_json(file)
+    values = {field.name: require_field(file, entries, field.name) for field in fields(StreetConfig)}
+    try:
+        return StreetConfig(**values | {"flaws": RecordingFlaws(**values["flaws"])})
+    except (OptionError, TypeError) as error:
+        raise DataError(file, f"holds no config of a street ({error})", _REMEDY) from error
 
 
 def _interpolate(corners: Float32[ndarray, "n 3 3"], u: Float32[ndarray, " n"], v: Float32[ndarray, " n"]) -> ndarray:

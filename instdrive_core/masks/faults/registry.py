@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -72,15 +72,12 @@ class RepeatedFaultSource:
         from instdrive_core.datasets.synthetic.units import StreetUnits
 
         self.street, self.faults, self.seed = StreetUnits(clip.path), faults, seed
-        self.origin = clip.origin
         self.cameras = {name: number for number, name in enumerate(sorted(clip.camera_names))}
 
     def load(self, frame: Frame) -> FrameMasks:
         """Ask the street what the photo shows, and make the masks of a segmenter."""
         view = frame.view
-        pose = view.camera.world_from_camera.copy()
-        pose[:3, 3] += self.origin
-        units = self.street.look(replace(view.camera, world_from_camera=pose), view.index)
+        units = self.street.look(view.name, view.index, view.camera.width, view.camera.height)
         layers, sky = make_segmenter_masks(
             units,
             self.street.families,

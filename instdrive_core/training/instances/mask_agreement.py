@@ -30,8 +30,12 @@ def compute_agreements(observed: MaskWeights, pairs: Integer[ndarray, "e 2"]) ->
     """
     result = np.empty(len(pairs), np.float32)
     matrix = observed.weights
-    arrays = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int32), matrix.data.astype(np.float32))
-    numbers = observed.view_of_mask.astype(np.int32)
+    arrays = (
+        matrix.indptr.astype(np.int64),
+        matrix.indices.astype(np.int32, copy=False),
+        matrix.data.astype(np.float32, copy=False),
+    )
+    numbers = observed.view_of_mask.astype(np.int32, copy=False)
     _agree(*arrays, numbers, observed.layers, np.ascontiguousarray(pairs, np.int64), result)
     return result
 

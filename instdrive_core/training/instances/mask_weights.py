@@ -69,7 +69,7 @@ def measure_mask_weights(
 
     The model is on the CPU. The same input gives the same bits, whatever the number of threads.
     """
-    parts: list[tuple[ndarray, ndarray, ndarray]] = []
+    parts: list[_ViewWeights] = []
     view_of_mask: list[int] = []
     unmasked = np.zeros(len(model), np.float32)
     layers = 1
@@ -83,10 +83,12 @@ def measure_mask_weights(
         labels = [layer.ravel()[pixels] for layer in view.layers]
         for layer, labels_of_pixels in enumerate(labels):
             local, masks, values, count = _sum_in_masks(weights, labels_of_pixels, len(rows))
-            parts.append((rows[local].astype(np.int32), masks + len(view_of_mask), values))
+            used, counts = np.unique(rows[local].astype(np.int32), return_counts=True)
+            parts.append(_ViewWeights(used, counts.astype(np.int32), masks + np.int32(len(view_of_mask)), values))
             view_of_mask += [number * MAX_LAYERS + layer] * count
-        bare = weights.select_pixels(~np.any(labels, axis=0))
-        unmasked[rows] += np.bincount(bare.rows, bare.weights, len(rows)).astype(np.float32)
+        if with_unmasked:
+            bare = weights.select_pixels(~np.any(labels, axis=0))
+            unmasked[rows] += np.bincount(bare.rows, bare.weights, len(rows)).astype(np.float32)
     store.release()
     numbers = np.array(view_of_mask, np.int32)
     numbers = numbers // MAX_LAYERS * layers + numbers % MAX_LAYERS
@@ -113,7 +115,7 @@ def _sum_in_masks(
     by_gaussian = transpose_weights(weights, len(used))
     arrays = (by_gaussian.indptr, by_gaussian.rows, by_gaussian.weights, mask_of_pixel.astype(np.int32))
     local, masks, values = _sums_by_mask(*arrays, len(present))
-    return used[local], masks, values, len(present)
+    return used[local], masks, values.copy(), len(present)  # a slice would keep the room for all pixels in memory
 
 
 def _list_grid_pixels(view: TrainingView, number: int, with_unmasked: bool) -> Int64[ndarray, " p"]:
@@ -130,14 +132,48 @@ def _list_grid_pixels(view: TrainingView, number: int, with_unmasked: bool) -> I
     return np.flatnonzero(on_grid & looked_at)
 
 
-def _by_gaussian(parts: list[tuple[ndarray, ndarray, ndarray]], shape: tuple[int, int]) -> csr_array:
-    """One matrix of all views; their masks follow one another, so a stable sort by Gaussian keeps them rising."""
-    if not parts:
-        return csr_array(shape, dtype=np.float32)
-    rows, masks, values = (np.concatenate([part[column] for part in parts]) for column in range(3))
-    order = np.argsort(rows, kind="stable")
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=shape[0]))])
-    return csr_array((values[order], masks[order], indptr), shape=shape)
+@dataclass(frozen=True)
+class _ViewWeights:
+    """Weights of one view, Gaussian by Gaussian."""
+
+    rows: Int32[ndarray, " u"]
+    """Gaussians that it shows, rising."""
+    counts: Int32[ndarray, " u"]
+    """In how many of its masks each lies."""
+    masks: Int32[ndarray, " k"]
+    values: Float32[ndarray, " k"]
+
+
+def _by_gaussian(parts: list[_ViewWeights], shape: tuple[int, int]) -> csr_array:
+    """One matrix of all views, whose masks follow one another. Empties `parts` on the way: for a whole drive the
+    weights are the largest thing in memory, and are held twice at most."""
+    indptr = np.zeros(shape[0] + 1, np.int64)
+    for part in parts:
+        indptr[part.rows + 1] += part.counts
+    np.cumsum(indptr, out=indptr)
+    total = int(indptr[-1])
+    masks, values = np.empty(total, np.int32), np.empty(total, np.float32)
+    places = indptr[:-1].copy()
+    parts.reverse()
+    while parts:
+        part = parts.pop()
+        _place_view(part.rows, part.counts, part.masks, part.values, places, masks, values)
+    if total <= np.iinfo(np.int32).max:
+        indptr = indptr.astype(np.int32)
+    return csr_array((values, masks, indptr), shape=shape)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _place_view(rows, counts, masks, values, places, all_masks, all_values):
+    """Write a view's weights behind those of the views before it; `places` moves on."""
+    entry = 0
+    for k in range(len(rows)):
+        place = places[rows[k]]
+        for _ in range(counts[k]):
+            all_masks[place], all_values[place] = masks[entry], values[entry]
+            place += 1
+            entry += 1
+        places[rows[k]] = place
 
 
 @numba.njit(cache=True, error_model="numpy")

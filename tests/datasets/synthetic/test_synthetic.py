@@ -326,7 +326,7 @@ def test_refuses_a_folder_that_holds_something(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.parametrize("options", [{"steps": 0}, {"steps": 101}, {"width": 4}, {"seed": -1}])
+@pytest.mark.parametrize("options", [{"steps": 0}, {"steps": 401}, {"width": 4}, {"seed": -1}])
 def test_refuses_options_out_of_range(options: dict[str, int]) -> None:
     with pytest.raises(OptionError, match=next(iter(options))):
         StreetConfig(**options)
