@@ -93,7 +93,7 @@ def prepare_id_measure(
     for sweep in sweeps:
         supports.append(compute_point_support(scene, sweep.points, sweep.time))
         progress("LiDAR points", len(supports), len(sweeps))
-    tracks = {track.id: track for track in clip.tracks}
+    tracks = {track.id: track for track in clip.true_tracks}
     boxes = {
         instance.id: tracks[instance.track_id]
         for instance in ground_truth.instances.values()
