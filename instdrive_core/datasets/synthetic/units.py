@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float32, Int32, Int64
@@ -150,9 +150,10 @@ class StreetUnits:
 
 def _read_config(file: Path) -> StreetConfig:
     entries = read_json(file)
-    values = {field.name: require_field(file, entries, field.name) for field in fields(StreetConfig)}
+    values: dict[str, Any] = {field.name: require_field(file, entries, field.name) for field in fields(StreetConfig)}
     try:
-        return StreetConfig(**values | {"flaws": RecordingFlaws(**values["flaws"])})
+        values["flaws"] = RecordingFlaws(**values["flaws"])
+        return StreetConfig(**values)
     except (OptionError, TypeError) as error:
         raise DataError(file, f"holds no config of a street ({error})", _REMEDY) from error
 

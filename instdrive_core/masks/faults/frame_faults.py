@@ -140,7 +140,7 @@ def _roughen_borders(
     masks: Int64[ndarray, "h w"], closed: Bool[ndarray, "h w"], faults: MaskFaults, rng: np.random.Generator
 ) -> Int64[ndarray, "h w"]:
     """Move the borders of masks: each pixel takes the label of a place up to `ragged` px away."""
-    moved = shift_labels(masks, draw_border_shifts(*masks.shape, faults.ragged, faults.grain, rng))
+    moved = shift_labels(masks, draw_border_shifts(masks.shape, faults.ragged, faults.grain, rng))
     moved[closed] = masks[closed]
     anchors = np.zeros(masks.max(initial=0) + 1, np.int64)
     anchors[masks.ravel()] = np.arange(masks.size)

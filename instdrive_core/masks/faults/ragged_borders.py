@@ -16,12 +16,13 @@ def shift_labels(labels: ndarray, shifts: Int64[ndarray, "2 h w"]) -> ndarray:
 
 
 def draw_border_shifts(
-    height: int, width: int, ragged: float, grain: int, rng: np.random.Generator
+    shape: tuple[int, ...], ragged: float, grain: int, rng: np.random.Generator
 ) -> Int64[ndarray, "2 h w"]:
     """Draw whole pixels (row, column) by which to move, of length `ragged` at most, alike within `grain` pixels."""
-    shape = (height // grain + 2, width // grain + 2)
-    angle = rng.uniform(0, 2 * np.pi, shape)
-    length = ragged * np.sqrt(rng.random(shape))  # evenly over a disc; between nodes it stays inside
+    height, width = shape
+    grid = (height // grain + 2, width // grain + 2)
+    angle = rng.uniform(0, 2 * np.pi, grid)
+    length = ragged * np.sqrt(rng.random(grid))  # evenly over a disc; between nodes it stays inside
     nodes = (length * np.stack([np.sin(angle), np.cos(angle)])).astype(np.float32)
     wanted = _interpolate(_interpolate(nodes, height, grain, 1), width, grain, 2)
     rounded = np.rint(wanted)

@@ -128,7 +128,7 @@ def make_segmenter_masks(
     for number in np.argsort(sizes, kind="stable"):
         large_on_top[masks[number]] = number + 1
     rng = make_generator(seed, Stream.MASK_FAULTS, zlib.crc32(key.encode()))
-    shifts = draw_border_shifts(*units.objects.shape, faults.ragged * scale, max(1, round(GRAIN * scale)), rng)
+    shifts = draw_border_shifts(units.objects.shape, faults.ragged * scale, max(1, round(GRAIN * scale)), rng)
     small_on_top, large_on_top = (shift_labels(labels, shifts) for labels in (small_on_top, large_on_top))
     return (small_on_top, large_on_top), shift_labels(units.objects == 0, shifts)
 

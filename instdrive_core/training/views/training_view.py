@@ -89,11 +89,9 @@ def build_training_view(frame: Frame, masks: FrameMasks | None, depths: Depths) 
 
     Raises DataError where the photo is damaged.
     """
-    layers = (masks.labels, *masks.overlaps) if masks else (None,)
+    layers = (masks.labels, *masks.overlaps) if masks else ()
     if frame.valid is not None:
-        layers = tuple(None if layer is None else np.where(frame.valid, layer, 0).astype(np.uint16) for layer in layers)
-    labels, *overlaps = layers
+        layers = tuple(np.where(frame.valid, layer, 0).astype(np.uint16) for layer in layers)
+    labels, overlaps = (layers[0], layers[1:]) if layers else (None, ())
     sky, view, image = masks.sky if masks else None, frame.view, frame.load_image()
-    return TrainingView(
-        frame.key, view.camera, view.time, image, frame.valid, labels, sky, *depths, overlaps=tuple(overlaps)
-    )
+    return TrainingView(frame.key, view.camera, view.time, image, frame.valid, labels, sky, *depths, overlaps=overlaps)
