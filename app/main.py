@@ -52,7 +52,7 @@ COMMANDS = {
     "render": CliCommand(
         "instdrive_core.cli.render:render_pictures", "Draw a scene into PNG pictures without a window."
     ),
-    "info": CliCommand("instdrive_core.cli.info:print_info", "Print what a scene file holds."),
+    "info": CliCommand("instdrive_core.cli.info:print_info", "Print what a scene file or a driving clip holds."),
     "doctor": CliCommand(
         "instdrive_app.cli.doctor:doctor", "Print versions and the state of OpenGL and CUDA, and test a render."
     ),

@@ -38,6 +38,8 @@ import tyro
 
 from benchmarks.fuzz_child import Line, Outcome, serve
 from benchmarks.fuzz_containers import inside
+from benchmarks.fuzz_layout_seeds import KINDS as LAYOUTS
+from benchmarks.fuzz_layout_seeds import ROWS_WITHOUT_COUNT
 from benchmarks.fuzz_mutations import BYTES, Damage
 from benchmarks.fuzz_seeds import Seed, list_seeds
 
@@ -143,6 +145,8 @@ class Corpus:
 def _is_whole_after_all(kind: str, name: str, damage: Damage) -> bool:
     if kind == "splat":
         return len(damage.data) % 32 == 0
+    if kind in LAYOUTS:
+        return name.endswith(ROWS_WITHOUT_COUNT)
     if kind == "edits":
         return damage.data[-1:] in (b"", b"\n", b"}")
     return name.endswith("journal.jsonl")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fuzz_clip_seeds import HEIGHT, WIDTH
+from benchmarks.fuzz_layout_seeds import KINDS as LAYOUTS
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.point_cloud import read_point_ply
 from instdrive_core.datasets.registry import load_clip
@@ -122,7 +123,8 @@ def read_clip(path: Path) -> Read:
         numbers += [("points", clip.points.points)]
     parts = [values for _, values in numbers] + [frame.load_image() for frame in clip.frames]
     for sweep in sweeps:
-        parts += [array for array in (sweep.classes, sweep.instance_labels) if array is not None]
+        parts += [array for array in (sweep.classes, sweep.instance_labels, sweep.times) if array is not None]
+        numbers += [] if sweep.times is None else [("time", sweep.times)]
     texts = [clip.class_names, clip.camera_names, *(track.label for track in clip.tracks)]
     return Read(_digest(parts, texts), clip.notes, _not_finite(numbers))
 
@@ -159,7 +161,7 @@ READERS: dict[str, Callable[[Path], Read]] = {
     "journal": read_journal_folder,
     "edits": read_edits,
     "pickle": read_table,
-    **dict.fromkeys(("pandaset", "colmap", "nerfstudio"), read_clip),
+    **dict.fromkeys(("pandaset", "colmap", "nerfstudio", *LAYOUTS), read_clip),
     "point_ply": read_points,
     **dict.fromkeys(("mask_npz", "mask_rle", "mask_png"), read_mask),
     "mask_folder": read_mask_folder,

@@ -17,6 +17,7 @@ from PIL import Image
 
 from benchmarks.edit_street import build_edit_street
 from benchmarks.fuzz_clip_seeds import list_clip_seeds
+from benchmarks.fuzz_layout_seeds import list_layout_seeds
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
@@ -65,6 +66,7 @@ def list_seeds() -> tuple[Seed, ...]:
             *_list_sog_seeds(),
             *_list_edit_seeds(Path(name)),
             *list_clip_seeds(Seed),
+            *list_layout_seeds(Seed),
         )
 
 

@@ -8,6 +8,7 @@ EXTRAS = {
     "embreex": "train",
     "gsplat": "cuda",
     "pandas": "train",
+    "pyarrow": "datasets",
     "pycocotools": "train",
     "skimage": "train",
     "torch": "train",

@@ -1,4 +1,4 @@
-"""``instdrive info``: what a file holds."""
+"""``instdrive info``: what a scene or a driving clip holds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import numpy as np
 import tyro
 from PIL import Image
 
+from instdrive_core.cli.clip_facts import list_clip_facts
 from instdrive_core.cli.histogram_picture import draw_histograms
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.registry import find_data_set
 from instdrive_core.errors import OptionError
 from instdrive_core.files.atomic import open_atomically
 from instdrive_core.project.open import open_edited_scene
@@ -22,27 +25,36 @@ SHOWN_ROWS = 3
 def print_info(
     scene: tyro.conf.Positional[Path], *, instances: int = 20, histogram: Path | None = None, keep_every: int = 1
 ) -> None:
-    """Print what a scene file holds.
+    """Print what a scene file or a driving clip holds.
 
-    What is odd about its splats is listed too. The exit status is 0 where the file opens and 2 where it does not.
+    What is odd about a scene's splats is listed too. The exit status is 0 where it opens and 2 where it does not.
 
     Args:
-        scene: Scene file, run folder, or project; of a project, what its edits made of the scene.
+        scene: Scene file, run folder, or project; of a project, what its edits made of the scene. Or a clip's folder.
         instances: How many instances to list, the largest first.
         histogram: PNG file to write: how opacities, sizes, colours and places of the splats are spread.
         keep_every: 3 opens every 3rd splat only, each made larger: for scenes that do not fit into memory.
     """
     if histogram is not None and histogram.suffix.lower() != ".png":
         raise OptionError(f"--histogram {histogram} does not end in .png, the only format that is written")
+    data_set = find_data_set(str(scene))
+    if data_set is not None:
+        _print_facts(list_clip_facts(data_set.title, data_set.load(str(scene), ClipOptions(scale=1.0))))
+        return
     opened = open_edited_scene(scene, keep_every)
-    for label, value in _list_facts(opened):
-        print(f"{label + ':':<14}{value}")
+    _print_facts(_list_facts(opened))
     _print_findings(find_defects(opened))
     _print_instances(opened, instances)
     if histogram is not None:
         with open_atomically(histogram) as file:
             Image.fromarray(draw_histograms(opened.gaussians)).save(file, format="PNG")
         print(f"\n{histogram}")
+
+
+def _print_facts(facts: list[tuple[str, str]]) -> None:
+    width = max(14, *(len(label) + 2 for label, _ in facts))
+    for label, value in facts:
+        print(f"{label + ':':<{width}}{value}")
 
 
 def _print_findings(findings: tuple[Defect, ...]) -> None:

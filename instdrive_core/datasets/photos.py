@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import UInt8
@@ -29,8 +32,24 @@ def load_photo(photo: Path, full_size: tuple[int, int], size: tuple[int, int]) -
 
     Raises DataError where it is damaged or its size on disk is not `full_size`.
     """
+    return decode_photo(photo, partial(BoundedReader, photo), full_size, size)
+
+
+def decode_photo(
+    photo: Path, opened: Callable[[], BinaryIO], full_size: tuple[int, int], size: tuple[int, int]
+) -> UInt8[ndarray, "h w 3"]:
+    """Decode a photo that may lie within another file, averaged down to `size` (width, height).
+
+    Args:
+        photo: the file, for messages.
+        opened: opens the encoded photo.
+        full_size: width and height that it must have.
+        size: width and height to return.
+
+    Raises DataError where it is damaged or of another size.
+    """
     try:
-        with BoundedReader(photo) as file, Image.open(file) as image:
+        with opened() as file, Image.open(file) as image:
             check_pixels(photo, image.size)
             if image.size != full_size:
                 problem = f"is {image.size[0]}×{image.size[1]}, the camera's photos {full_size[0]}×{full_size[1]}"

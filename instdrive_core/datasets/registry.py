@@ -6,10 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from instdrive_core.datasets.argoverse.clips import holds_argoverse, load_argoverse
+from instdrive_core.datasets.argoverse.write import write_argoverse
 from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.colmap.clips import holds_colmap, load_colmap
+from instdrive_core.datasets.drivestudio.clips import holds_drivestudio, load_drivestudio
+from instdrive_core.datasets.drivestudio.write import write_drivestudio
+from instdrive_core.datasets.kitti.raw import holds_kitti_raw, load_kitti_raw
+from instdrive_core.datasets.kitti.tracking import holds_kitti_tracking, load_kitti_tracking
+from instdrive_core.datasets.kitti.write import write_kitti_raw, write_kitti_tracking
 from instdrive_core.datasets.nerfstudio import holds_nerfstudio, load_nerfstudio
+from instdrive_core.datasets.nuscenes.clips import holds_nuscenes, holds_t4, load_nuscenes, load_t4
+from instdrive_core.datasets.nuscenes.write import write_nuscenes, write_t4
 from instdrive_core.datasets.pandaset.clips import holds_pandaset, load_pandaset
+from instdrive_core.datasets.recording import Recording
 from instdrive_core.errors import DataError
 
 
@@ -25,14 +35,57 @@ class DataSet:
     """Whether a folder is laid out like this; cheap."""
     load: Callable[[str, ClipOptions], Clip]
     """Raises DataError where a file is damaged, OptionError for unknown cameras."""
+    write: Callable[[Recording, Path], Path] | None = None
+    """Writes a recording below a new folder in this layout and returns the folder to open; None where nothing does."""
 
 
 DATA_SETS = (
     DataSet("nerfstudio", "a file 'transforms.json'", holds_nerfstudio, load_nerfstudio),
     DataSet("COLMAP", "a model in 'sparse/0' or 'sparse', photos in 'images'", holds_colmap, load_colmap),
     DataSet("PandaSet", "folders 'camera' and 'meta' of one sequence, e.g. 002", holds_pandaset, load_pandaset),
+    DataSet(
+        "drivestudio",
+        "what drivestudio's preprocessing made of one scene: 'images', 'extrinsics', 'intrinsics' and 'ego_pose'",
+        holds_drivestudio,
+        load_drivestudio,
+        write_drivestudio,
+    ),
+    DataSet(
+        "KITTI raw",
+        "a synchronised drive with 'image_02' and 'oxts', its calibration beside it, e.g. 2011_09_26_drive_0001_sync",
+        holds_kitti_raw,
+        load_kitti_raw,
+        write_kitti_raw,
+    ),
+    DataSet(
+        "KITTI tracking",
+        "a sequence's photos, e.g. training/image_02/0004, with 'calib', 'oxts' and the rest beside 'image_02'",
+        holds_kitti_tracking,
+        load_kitti_tracking,
+        write_kitti_tracking,
+    ),
+    DataSet(
+        "Argoverse 2",
+        "one log of the sensor data set, with 'city_SE3_egovehicle.feather', 'calibration' and 'sensors'",
+        holds_argoverse,
+        load_argoverse,
+        write_argoverse,
+    ),
+    DataSet(
+        "nuScenes",
+        "tables in 'v1.0-…', and the name of a scene after the folder, e.g. nuscenes/scene-0061",
+        holds_nuscenes,
+        load_nuscenes,
+        write_nuscenes,
+    ),
+    DataSet("T4", "a data set of TIER IV with tables in 'annotation'", holds_t4, load_t4, write_t4),
 )
 """Asked in this order. A new data set is its file or room, a line here, and its test."""
+
+
+def find_data_set(path: str) -> DataSet | None:
+    """Find the first data set that knows a folder's layout; None where none does."""
+    return next((data_set for data_set in DATA_SETS if data_set.holds(path)), None)
 
 
 def load_clip(path: str, options: ClipOptions) -> Clip:
@@ -41,9 +94,9 @@ def load_clip(path: str, options: ClipOptions) -> Clip:
     Raises DataError where there is no such folder, no data set knows its layout or a file in it is damaged, OptionError
     for unknown cameras.
     """
-    for data_set in DATA_SETS:
-        if data_set.holds(path):
-            return data_set.load(path, options)
+    data_set = find_data_set(path)
+    if data_set is not None:
+        return data_set.load(path, options)
     problem = "is no driving clip of a known layout" if Path(path).is_dir() else "there is no such folder"
     layouts = "; ".join(f"{data_set.title}: {data_set.needs}" for data_set in DATA_SETS)
     raise DataError(path, problem, f"Give a folder that holds one of these. {layouts}")

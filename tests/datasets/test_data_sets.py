@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from photo_models import photo_model, write_colmap_binary, write_colmap_text, write_nerfstudio
-from small_clip import write_small_clip
+from small_clip import WRITTEN, write_layout, write_small_clip
 
 from instdrive_core.datasets.clip import ClipOptions, is_held_out
 from instdrive_core.datasets.registry import DATA_SETS, load_clip
@@ -15,6 +15,7 @@ WRITERS = {
     "nerfstudio": [write_nerfstudio],
     "COLMAP": [write_colmap_binary, write_colmap_text],
     "PandaSet": [lambda root, model: write_small_clip(root)],
+    **{title: [lambda root, model, title=title: write_layout(title, root)] for title in WRITTEN},
 }
 """Functions that write a small clip of each data set; a new data set adds its own."""
 CASES = [(data_set, write) for data_set in DATA_SETS for write in WRITERS[data_set.title]]
@@ -76,4 +77,4 @@ def test_a_folder_that_no_data_set_knows_is_answered_with_what_each_needs(tmp_pa
 
 def test_titles_are_unique():
     assert len({data_set.title for data_set in DATA_SETS}) == len(DATA_SETS)
-    assert {field.name for field in dataclasses.fields(DATA_SETS[0])} == {"title", "needs", "holds", "load"}
+    assert {field.name for field in dataclasses.fields(DATA_SETS[0])} == {*("title", "needs", "holds", "load", "write")}

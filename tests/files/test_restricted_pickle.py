@@ -16,6 +16,8 @@ from instdrive_core.errors import DataError, UntrustedDataError
 from instdrive_core.files import restricted_pickle
 from instdrive_core.files.restricted_pickle import ALLOWED, read_pickle
 
+pd.options.mode.string_storage = "python"  # pickles are the same whether or not pyarrow is there
+
 COLUMNS = {
     "x": np.array([1.5, -2.0, np.inf]),
     "d": np.array([0, 1, 0]),

@@ -1,4 +1,5 @@
-"""A clip of a few bytes in PandaSet's layout: 5 steps of 8 listed, 2 cameras, LiDAR of 3 steps, 2 cars."""
+"""A clip of a few bytes in PandaSet's layout: 5 steps of 8 listed, 2 cameras, LiDAR of 3 steps, 2 cars; and the same
+drive in every other layout that is written."""
 
 import json
 from pathlib import Path
@@ -6,6 +7,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from PIL import Image
+
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.clip_recordings import record_clip
+from instdrive_core.datasets.recording import Recording
+from instdrive_core.datasets.registry import DATA_SETS, load_clip
+
+pd.options.mode.string_storage = "python"  # pickles are the same whether or not pyarrow is there
 
 STEPS = range(2, 7)
 LISTED = 8
@@ -17,6 +25,9 @@ CLASSES = {"5": "Vegetation", "7": "Road", "8": "Lane Line Marking", "13": "Car"
 FORWARD = {"w": np.sqrt(0.5), "x": -np.sqrt(0.5), "y": 0.0, "z": 0.0}
 """Heading of a camera that looks along the world's y axis, x to the right, z up."""
 BACKWARD = {"w": 0.0, "x": 0.0, "y": np.sqrt(0.5), "z": -np.sqrt(0.5)}
+WRITTEN = {data_set.title: data_set for data_set in DATA_SETS if data_set.write is not None}
+"""Layouts that are written."""
+WHOLE = ClipOptions(scale=1.0)
 PARKED, MOVING, TWIN = "parked", "moving", "twin-of-moving"
 
 
@@ -37,6 +48,17 @@ def write_small_clip(root: Path, suffix: str = ".pkl.gz") -> Path:
     for step in STEPS:
         write_table(root / "annotations" / "cuboids" / f"{step:02d}{suffix}", cuboids_at(step))
     return root
+
+
+def record_small_clip(folder: Path) -> Recording:
+    """The clip as a recording; its files are in `folder`."""
+    return record_clip(load_clip(str(write_small_clip(folder)), WHOLE))
+
+
+def write_layout(title: str, folder: Path) -> Path:
+    """Write the clip in a layout and return the folder to open."""
+    recording = record_small_clip(folder.parent / f"{folder.name}-source")
+    return WRITTEN[title].write(recording, folder)
 
 
 def write_exact_labels(root: Path) -> Path:

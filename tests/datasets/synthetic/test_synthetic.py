@@ -80,7 +80,7 @@ def test_holds_the_files_of_pandaset_and_the_labels_beside_them(clip: Path) -> N
     expected |= {f"{folder}/{step}.pkl.gz" for step in steps
                  for folder in ("lidar", "annotations/cuboids", "annotations/semseg")}  # fmt: skip
     expected |= {"lidar/poses.json", "lidar/timestamps.json", "annotations/semseg/classes.json"}
-    expected |= {"meta/gps.json", "meta/timestamps.json", "labels/instances.json"}
+    expected |= {"meta/gps.json", "meta/timestamps.json", "labels/instances.json", "labels/street.json"}
     expected |= {f"labels/{name}/{step}.png" for name in cameras for step in steps}
     expected |= {f"labels/sky/{name}/{step}.png" for name in cameras for step in steps}
     expected |= {f"labels/lidar/{step}.npy" for step in steps}
@@ -326,7 +326,7 @@ def test_refuses_a_folder_that_holds_something(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.parametrize("options", [{"steps": 0}, {"steps": 101}, {"width": 4}, {"seed": -1}])
+@pytest.mark.parametrize("options", [{"steps": 0}, {"steps": 401}, {"width": 4}, {"seed": -1}])
 def test_refuses_options_out_of_range(options: dict[str, int]) -> None:
     with pytest.raises(OptionError, match=next(iter(options))):
         StreetConfig(**options)

@@ -1,0 +1,1 @@
+"""Logs of Argoverse 2's sensor data set."""

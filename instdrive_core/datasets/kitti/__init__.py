@@ -1,0 +1,1 @@
+"""Drives of KITTI: raw recordings, the tracking benchmark, and KITTI-360."""
