@@ -71,6 +71,7 @@ def _list_changes(session: EditorSession) -> list[Action]:
             enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_PAINTBRUSH",
             words=("paint", "color", "colour", "tint"),
+            undoable=True,
         ),
         Action(
             "edit.reset_colors",

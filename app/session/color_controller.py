@@ -8,10 +8,10 @@ import numpy as np
 
 from instdrive_app.session.context import SessionContext
 from instdrive_core.edits.bases.adjustments import AdjustKind
+from instdrive_core.edits.bases.body_color import RGB
 from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment
 from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode, ResetColors
 from instdrive_core.edits.kinds.paint import TOLERANCE, PaintInstances
-from instdrive_core.edits.queries.body_color import RGB
 from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 

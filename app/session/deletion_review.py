@@ -29,7 +29,7 @@ from instdrive_core.scene.selection import Flag
 SETTLE_SECONDS = 0.6
 """Time for which a move stays the last step before the place it left is reviewed."""
 LEAST_MOVE = 0.5
-"""Metres: who moves less still covers most of the old place."""
+"""Metres: what moves less, or only turns, still covers most of its old place."""
 MOST_RESUMED = 8
 """Last deletions and moves of a recovered document that are reviewed again."""
 MOST_INSTANCES = 100
@@ -195,8 +195,8 @@ class DeletionReview:
             before = frozen.compute_means(rows)
             if not ResetMoves(ids).do(frozen) and not any(frozen.scene.table[number].node for number in ids):
                 return None
-            away = np.linalg.norm(frozen.compute_means(rows) - before, axis=1)
-            if np.median(away) < LEAST_MOVE and not frozen.scene.nodes[rows].any():
+            away = np.linalg.norm(frozen.compute_means(rows).mean(axis=0) - before.mean(axis=0))
+            if away < LEAST_MOVE and not frozen.scene.nodes[rows].any():
                 return None
             found = report_deletion(frozen, ids, subject.time)
             none = np.zeros(0, np.int64)

@@ -60,6 +60,13 @@ simple_edits = (
         mode=st.sampled_from(["tint", "solid", "hue"]),
         color=st.lists(channels, min_size=3, max_size=3),
     ),
+    entries(
+        "paint_instances",
+        ids=ids,
+        color=st.lists(channels, min_size=3, max_size=3),
+        tolerance=st.sampled_from([0.0, 0.18, 1.0]),
+        reference=st.none() | st.lists(channels, min_size=3, max_size=3),
+    ),
     entries("reset_colors", ids=ids),
     adjust("adjust_instances"),
     adjust("set_adjustment"),

@@ -15,8 +15,8 @@ from instdrive_app.panels.widgets.ui import (
     scale_size,
 )
 from instdrive_app.session.color_controller import ColorMode
+from instdrive_core.edits.bases.body_color import RGB, find_body_color
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.body_color import RGB, find_body_color
 
 PRESETS: dict[str, tuple[float, float, float]] = {
     "red": (0.82, 0.13, 0.13),

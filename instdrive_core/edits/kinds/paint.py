@@ -9,13 +9,13 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.edits.bases.adjustments import LUMA
+from instdrive_core.edits.bases.body_color import RGB, find_body_color, find_rows_near_color
 from instdrive_core.edits.bases.editable import find_editable_parts
 from instdrive_core.edits.bases.parameters import check_ids, check_number
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.edits.kinds.color import MEAN_LUMA_FLOOR, ColorEdit
-from instdrive_core.edits.queries.body_color import RGB, find_body_color, find_rows_near_color
 from instdrive_core.errors import EditError
 from instdrive_core.scene.palette import DRAWN, pack_color_entries
 

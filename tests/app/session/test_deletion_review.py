@@ -198,6 +198,12 @@ def test_all_holes_are_filled_one_after_the_other(two_holes):
 
 
 def test_the_place_that_a_moved_car_leaves_is_offered_once(session):
+    session.history.apply(MoveInstances((CAR,), rotation=(0.9, 0.0, 0.0, 0.4)))
+    for _ in range(2):
+        session.tick(1.0)
+        finish(session)
+    assert session.deletion.review.findings is None, "a car that turns still stands there"
+    session.history.undo()
     session.history.apply(MoveInstances((CAR,), (0.0, 20.0, 0.0)))
     session.tick(0.1)
     finish(session)

@@ -23,7 +23,7 @@ def test_numbers_are_typed_and_nonsense_is_passed_over(window):
     for widget, text in (("inspector.scale", "nan"), ("inspector.x", "abc")):
         assert type_number(window, widget, text)["cursor"] == steps, f"{text!r} in {widget}"
     type_number(window, "inspector.yaw", "45")
-    state = window.wait_for_edit("Move instance")
+    state = window.wait_for_edit("Rotate instance")
     assert state["cursor"] == steps + 1
     window.key("2")
     window.wait_for(lambda state: "viewport.opacity" in state["widgets"], "the ID view")

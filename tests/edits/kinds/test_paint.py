@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from procedural_street import CAR_COLORS, FIRST_CAR, car, procedural_street
 
+from instdrive_core.edits.bases.body_color import find_body_color
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.paint import PaintInstances
 from instdrive_core.edits.queries.bake import bake_document
-from instdrive_core.edits.queries.body_color import find_body_color
 from instdrive_core.errors import EditError
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.scene import scene_from_gaussians
