@@ -20,6 +20,8 @@ from instdrive_core.datasets.nuscenes.clips import holds_nuscenes, holds_t4, loa
 from instdrive_core.datasets.nuscenes.write import write_nuscenes, write_t4
 from instdrive_core.datasets.pandaset.clips import holds_pandaset, load_pandaset
 from instdrive_core.datasets.recording import Recording
+from instdrive_core.datasets.waymo.clips import holds_waymo, load_waymo
+from instdrive_core.datasets.waymo.write import write_waymo
 from instdrive_core.errors import DataError
 
 
@@ -77,6 +79,13 @@ DATA_SETS = (
         holds_nuscenes,
         load_nuscenes,
         write_nuscenes,
+    ),
+    DataSet(
+        "Waymo",
+        "tables of version 2 by component, and the name of a segment after their folder, e.g. training/1001…_000",
+        holds_waymo,
+        load_waymo,
+        write_waymo,
     ),
     DataSet("T4", "a data set of TIER IV with tables in 'annotation'", holds_t4, load_t4, write_t4),
 )
