@@ -30,6 +30,10 @@ class Action:
     """Whether the menu draws a line above it."""
     items: Callable[[], Sequence[MenuItem]] | None = None
     """For submenus: lists their items in every frame they are open; the menu then does not call `run`."""
+    words: tuple[str, ...] = ()
+    """Other words by which the command palette finds it, e.g. ``screenshot``."""
+    needs: str = ""
+    """What the user reads where it cannot run although a scene is open and something selected."""
     undoable: bool | None = None
     """True: becomes a step of the history. False: cannot be undone. None: changes only what is shown or asked."""
 

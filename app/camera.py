@@ -5,19 +5,22 @@ Pure functions from viewpoint to viewpoint. Angles in radians, distances in metr
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from instdrive_app.state import Intrinsics, Viewpoint, make_default_viewpoint
+from instdrive_app.state import Intrinsics, Viewpoint
 from instdrive_core.scene.camera import CameraView, look_at
 from instdrive_core.scene.pose_transforms import transform_pose
 from instdrive_core.scene.transforms import Similarity, extract_scale
 
 STEEPEST = 0.99
 """Largest |vertical part| of the viewing direction that a drag can tilt to."""
+_MOST_RAISED, _RAISING_STEPS = 1.0, 8
+"""Radians by which an orbit is raised at most to stay above the floor, and how finely that is tried."""
 NEAREST_PIVOT, FARTHEST_PIVOT = 0.3, 2000.0
 
 
@@ -26,6 +29,28 @@ def orbit(viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
     pose = _turn(viewpoint.world_from_camera, yaw, pitch)
     pose[:3, 3] = viewpoint.pivot - viewpoint.pivot_distance * pose[:3, 2]
     return replace(viewpoint, world_from_camera=pose)
+
+
+def orbit_above(
+    viewpoint: Viewpoint, yaw: float, pitch: float, find_floor: Callable[[Float[ndarray, "3"]], float]
+) -> Viewpoint:
+    """Orbit, but no lower than the floor (metres, z up) that `find_floor` gives for a place.
+
+    Where the camera is below the floor already, it sinks no farther.
+    """
+    moved = orbit(viewpoint, yaw, pitch)
+    lowest = viewpoint.position[2]
+    if moved.position[2] >= min(lowest, find_floor(moved.position)):
+        return moved
+    low, high = pitch, pitch - _MOST_RAISED
+    for _ in range(_RAISING_STEPS):
+        middle = (low + high) / 2
+        raised = orbit(viewpoint, yaw, middle)
+        if raised.position[2] >= min(lowest, find_floor(raised.position)):
+            moved, high = raised, middle
+        else:
+            low = middle
+    return moved
 
 
 def look(viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
@@ -120,11 +145,6 @@ def transform_viewpoint(viewpoint: Viewpoint, matrix: Similarity) -> Viewpoint:
     return set_pivot_distance(
         replace(viewpoint, world_from_camera=level), viewpoint.pivot_distance * extract_scale(matrix)
     )
-
-
-def frame_scene(means: Float[ndarray, "n 3"]) -> Viewpoint:
-    """Choose the first viewpoint of a scene without cameras."""
-    return frame_points(make_default_viewpoint(), means) if len(means) else make_default_viewpoint()
 
 
 def _turn(pose: Float[ndarray, "4 4"], yaw: float, pitch: float) -> Float[ndarray, "4 4"]:

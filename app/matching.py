@@ -7,6 +7,8 @@ from typing import TypeVar
 
 Item = TypeVar("Item")
 
+_SHORTEST_WORD = 3
+"""Letters from which on other words count."""
 _IN_ROW, _WORD_START, _ANYWHERE = 9, 8, 1
 """Points for a letter right after the last one, at the start of a word, or elsewhere."""
 
@@ -38,9 +40,13 @@ def score_match(typed: str, title: str) -> int | None:
 
 
 def find_best_matches(
-    typed: str, items: Iterable[Item], title: Callable[[Item], str], group: Callable[[Item], str] = lambda _: ""
+    typed: str,
+    items: Iterable[Item],
+    title: Callable[[Item], str],
+    group: Callable[[Item], str] = lambda _: "",
+    words: Callable[[Item], tuple[str, ...]] = lambda _: (),
 ) -> list[Item]:
-    """Find the items that match `typed` by title or by group and title, best first.
+    """Find the items that match `typed` by title, by group and title, or by the start of one of their other `words`.
 
     Of two equal matches the one within a title comes first, so that ``delet`` finds ``Delete`` of the menu ``Edit``
     before all else in a menu ``Deletion``. All in their order where nothing is typed.
@@ -48,6 +54,12 @@ def find_best_matches(
     found = []
     for item in items:
         within, across = score_match(typed, title(item)), score_match(typed, f"{group(item)} {title(item)}")
-        if across is not None:
-            found.append((max(across, within + 1 if within is not None else 0), item))
+        is_named = len(typed.strip()) >= _SHORTEST_WORD and any(
+            word.startswith(typed.strip().lower()) for word in words(item)
+        )
+        scores = [within + 1] if within is not None else []
+        scores += [across] if across is not None else []
+        scores += [_IN_ROW * len(typed.strip()) - 2] if is_named else []
+        if scores:
+            found.append((max(scores), item))
     return [item for _, item in sorted(found, key=lambda pair: -pair[0])] if typed else [item for _, item in found]

@@ -25,6 +25,8 @@ class Click:
     shift: bool = False
     ctrl: bool = False
     alt: bool = False
+    double: bool = False
+    """Whether it is the second click of a double click."""
 
     @property
     def mode(self) -> SelectMode:
@@ -60,6 +62,10 @@ class Tool(Protocol):
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
         """Handle a click on the frame `snapshot`; returns the clicked instance, 0 for none."""
+        ...
+
+    def cycle(self, click: Click, snapshot: FrameSnapshot, step: int) -> int:
+        """Select the instance so many farther behind at a position of the frame; returns it, 0 for none."""
         ...
 
     def drag(self, start: Point, to: Point) -> None:

@@ -102,6 +102,19 @@ def make_default_viewpoint() -> Viewpoint:
     return Viewpoint(pose, Intrinsics.from_field_of_view(50.0))
 
 
+@dataclass(frozen=True)
+class Stack:
+    """The instances at one place of the picture, front to back, of which the user has gone through some."""
+
+    ids: tuple[int, ...]
+    chosen: int
+    """Index of the one that is selected."""
+    place: tuple[float, float]
+    """Pixels of the picture."""
+    pose: bytes
+    """The camera's, as bytes: the list holds for this view only."""
+
+
 @dataclass
 class EditorState:
     """Everything but edits that changes the picture. Written by actions, tools and panels."""
@@ -114,6 +127,8 @@ class EditorState:
     """Index into the scene's views while the viewport looks through one of them, else None."""
     hovered: int = 0
     """Instance under the cursor; 0 = none."""
+    stack: Stack | None = None
+    """What lies behind each other where the user has clicked again; None unless that is listed."""
     tool: str = "pick"
     """Name of the tool in the user's hand."""
     region_splats: bool = False
@@ -122,11 +137,22 @@ class EditorState:
     """Whether region tools leave out what is hidden behind something."""
     id_opacity: float = DEFAULT_ID_OPACITY
     show_sky: bool = True
+    plain_solo: bool = True
+    """Whether what is shown alone stands before a plain backdrop instead of the sky."""
+    is_solo: bool = False
+    """Whether instances are shown alone; the session keeps it up to date."""
     show_outlines: bool = True
+    stay_above_ground: bool = True
+    """Whether orbiting stops above the ground."""
     reference: Reference = Reference.NONE
     reference_opacity: float = 0.5
     reference_beside: bool = False
     """Whether photo or masks are shown beside the splats instead of over them."""
+
+    @property
+    def draws_sky(self) -> bool:
+        """Whether the sky is drawn behind the splats."""
+        return self.show_sky and not (self.is_solo and self.plain_solo)
 
 
 @dataclass(frozen=True)
@@ -152,7 +178,7 @@ def resolve(state: EditorState, width: int, height: int, draft: bool = False) ->
         view_mode=state.view_mode,
         hovered=state.hovered,
         id_opacity=state.id_opacity,
-        show_sky=state.show_sky,
+        show_sky=state.draws_sky,
         show_outlines=state.show_outlines,
         draft=draft,
     )

@@ -203,7 +203,7 @@ def _measure(cell: Cell, place: Workplace) -> dict[str, Any]:
     clip, facts = place.load_clip(cell), read_run_facts(run)
     truth = open_ground_truth(clip)
     rows, evaluation = {}, None
-    bounding = cell.method == "instdrive" and not cell.variant  # all methods share the geometry, and so the oracle
+    bounding = cell.method == "instdrive" and not cell.variant  # all methods share the geometry, and so the reference
     for row, shown in _rows(cell, scene).items():
         evaluation = evaluate_scene(shown, clip, truth, facts, with_reference=bounding)
         rows[row] = {**evaluation.figures, "shared_codes": len(evaluation.shared_codes) if shown.code_bits else None}

@@ -14,6 +14,7 @@ from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 from instdrive_core.errors import OptionError
+from instdrive_core.training.instances.mask_weights import PIXELS_PER_VIEW
 from instdrive_core.training.settings.config import (
     InstanceConfig,
     Method,
@@ -26,10 +27,11 @@ Kind = Literal["clip", "masks", "geometry", "method", "figure"]
 
 TUNED_ON = (7, 11)
 """Seeds of synthetic streets on which settings were chosen."""
-HEADLINE_SEEDS = (7, 23, 29)
-"""Streets of the headline rows. Nothing was chosen on those that are not in `TUNED_ON`."""
-STREET = f"street-{HEADLINE_SEEDS[0]}"
-"""The standard synthetic clip."""
+HEADLINE_SEEDS = (23, 29)
+"""Streets of the headline, on which nothing was chosen."""
+TUNED_STREET_SEED = TUNED_ON[0]
+STREET = f"street-{TUNED_STREET_SEED}"
+"""The standard synthetic clip: of ablations and details, never of the headline."""
 PANDASET = "pandaset-002"
 CAMERA_SETS = ("1", "3", "6")
 METHODS: tuple[Method, ...] = ("gaussian-grouping", "opengaussian", "mask-graph", "paper", "instdrive")
@@ -37,6 +39,8 @@ PUBLISHED_TOO = ("gaussian-grouping", "opengaussian", "mask-graph", "paper")
 """Methods with two rows: as published, and with the actor nodes and spatial components of ours."""
 SCALED = "scaled"
 """Variant of `paper` whose feature rate grows as its schedule shrinks."""
+FULL_LENGTH = "full"
+"""Variant of `paper` with the paper's own number of steps, on frozen geometry."""
 LOSSES = "losses"
 """Variant of `instdrive` whose features are trained by its losses."""
 ABLATIONS = ("no-voxel", "no-pseudo", "d6", "d8", "d10")
@@ -101,11 +105,13 @@ class Cell:
     """Names of the cells whose outcome it takes, nearest first."""
     seconds: float = 0.0
     """What it is expected to take on 2 cores."""
+    optional: bool = False
+    """Done only where it is asked for."""
 
     @property
     def published_too(self) -> bool:
         """Whether it has the row `as published`: competitors as they are, not the ablations of them."""
-        return self.method in PUBLISHED_TOO and self.variant in ("", SCALED)
+        return self.method in PUBLISHED_TOO and self.variant in ("", SCALED, FULL_LENGTH)
 
     @property
     def slug(self) -> str:
@@ -124,16 +130,18 @@ def method_name(clip: str, cameras: str, masks: str, method: str, variant: str =
 
 
 def plan(scale: Scale = FULL) -> tuple[Cell, ...]:
-    """All cells; each comes after those that it needs."""
-    cells = [cell for seed in HEADLINE_SEEDS for cell in _prepare(f"street-{seed}", ("sam-v1",))]
+    """All cells, optional ones too; each comes after those that it needs."""
+    cells = [cell for seed in (TUNED_STREET_SEED, *HEADLINE_SEEDS) for cell in _prepare(f"street-{seed}", ("sam-v1",))]
     cells += _prepare(PANDASET, ("annotations", "lidar"))
     compared = [(STREET, cameras, "sam-v1") for cameras in reversed(CAMERA_SETS)]
-    compared += [(f"street-{seed}", "6", "sam-v1") for seed in HEADLINE_SEEDS[1:]]
+    compared += [(f"street-{seed}", "6", "sam-v1") for seed in HEADLINE_SEEDS]
     compared += [(PANDASET, "6", "annotations")]
     for clip, cameras, masks in compared:
         cells.append(_geometry(clip, cameras, masks))
         cells += [_method(clip, cameras, masks, method) for method in reversed(METHODS)]
         cells.append(_method(clip, cameras, masks, "paper", SCALED))
+        if cameras == "6":
+            cells.append(replace(_method(clip, cameras, masks, "paper", FULL_LENGTH), optional=True))
     cells += [_method(PANDASET, "6", "lidar", method) for method in ("instdrive", "opengaussian")]
     cells.append(_method(STREET, "6", "sam-v1", "instdrive", LOSSES))
     for change in ABLATIONS:
@@ -160,8 +168,10 @@ def _method(clip: str, cameras: str, masks: str, method: Method, variant: str = 
     name = method_name(clip, cameras, masks, method, variant)
     cell = Cell(name, "method", clip, cameras, masks, method, variant, needs)
     in_geometry = method == "instdrive" and not variant and masks != "lidar"
-    seconds = (0 if in_geometry else _INSTANCES[method]) + _EVALUATION * (2 if cell.published_too else 1)
-    seconds += _ORACLE if method == "instdrive" and not variant else 0
+    seconds = (
+        0 if in_geometry else _INSTANCES[method] * (_FULL_LENGTH if variant == FULL_LENGTH else 1)
+    ) + _EVALUATION * (2 if cell.published_too else 1)
+    seconds += _REFERENCE if method == "instdrive" and not variant else 0
     return replace(cell, seconds=seconds * _SHARE_OF_CAMERAS[cameras])
 
 
@@ -186,15 +196,19 @@ def _figure(figure: str, clip: str, needs: tuple[str, ...]) -> Cell:
     return Cell(f"figure/{figure}/{clip}", "figure", clip, variant=figure, needs=(*needs, clip), seconds=15)
 
 
-_EVALUATION, _ORACLE = 25.0, 25.0
+_EVALUATION, _REFERENCE = 25.0, 25.0
 _MASKS = {"annotations": 40.0, "lidar": 60.0}
-_INSTANCES = {"gaussian-grouping": 150.0, "opengaussian": 150.0, "mask-graph": 15.0, "paper": 70.0, "instdrive": 60.0}
+_INSTANCES = {"gaussian-grouping": 500.0, "opengaussian": 350.0, "mask-graph": 15.0, "paper": 350.0, "instdrive": 60.0}
+_FULL_LENGTH = 7.0
+"""Cost of the paper's own number of steps ÷ that of a short run's."""
 _SHARE_OF_CAMERAS = {"1": 0.6, "3": 0.75, "6": 1.0}
 """Cost with so many cameras as a share of the cost with six."""
 
 
 def build_cell_config(cell: Cell, scale: Scale) -> TrainConfig:
     """What a geometry's or method's cell trains with: the `quick` preset, changed as its variant says.
+
+    Other methods than ours see as many pixels of a photo as ours does.
 
     Raises OptionError for an unknown variant.
     """
@@ -213,13 +227,19 @@ def build_cell_config(cell: Cell, scale: Scale) -> TrainConfig:
         return config
     config = keep_geometry(config)
     instances = config.instances
+    if cell.method != "instdrive":
+        instances = replace(instances, pixels_per_view=PIXELS_PER_VIEW)
     for change in filter(None, cell.variant.split("+")):
-        instances = _change(instances, change)
+        instances = _change(instances, change, scale)
     # The second row of every method has our actor nodes; what is published of it is read from its codewords alone.
     return replace(config, instances=replace(instances, whole_actors=True))
 
 
-def _change(instances: InstanceConfig, change: str) -> InstanceConfig:
+def _change(instances: InstanceConfig, change: str, scale: Scale) -> InstanceConfig:
+    if change == FULL_LENGTH:
+        # A miniature is told from the short run by its length, too.
+        steps = PRINTED_ITERATIONS if scale.geometry_iterations is None else 2 * scale.geometry_iterations
+        return replace(instances, iterations=steps)
     if change == SCALED:
         return replace(instances, feature_lr=instances.feature_lr * PRINTED_ITERATIONS / instances.iterations)
     if change == LOSSES:
@@ -230,7 +250,7 @@ def _change(instances: InstanceConfig, change: str) -> InstanceConfig:
         return replace(instances, pseudo_weight=0.0)
     if change.startswith("d") and change[1:].isdecimal():
         return replace(instances, feature_dim=int(change[1:]))
-    raise OptionError(f"unknown variant {change!r}; there are {', '.join((SCALED, LOSSES, *ABLATIONS))}")
+    raise OptionError(f"unknown variant {change!r}; there are {', '.join((SCALED, FULL_LENGTH, LOSSES, *ABLATIONS))}")
 
 
 def learning_settings(config: TrainConfig) -> dict[str, Any]:
@@ -270,13 +290,13 @@ def cell_keys(cells: Iterable[Cell], scale: Scale, recorded: str) -> dict[str, s
     return keys
 
 
-def choose_cells(cells: Sequence[Cell], patterns: Sequence[str]) -> tuple[Cell, ...]:
+def choose_cells(cells: Sequence[Cell], patterns: Sequence[str], optional: bool = False) -> tuple[Cell, ...]:
     """The cells whose name contains one of the patterns (``*`` matches anything), and all that they need.
 
-    All where there is no pattern. Raises OptionError for a pattern without a cell.
+    All where there is no pattern, optional ones only where `optional`. Raises OptionError for a pattern without a cell.
     """
     if not patterns:
-        return tuple(cells)
+        return tuple(cell for cell in cells if optional or not cell.optional)
     wanted: set[str] = set()
     for pattern in patterns:
         found = {cell.name for cell in cells if fnmatchcase(cell.name, f"*{pattern}*")}

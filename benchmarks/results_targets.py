@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks.outcomes import Figures, Results, difference, format_value, ratio, table, value
+from benchmarks.outcomes import PUBLISHED, SPLIT, Figures, Results, difference, format_value, ratio, table, value
 
 OVER_BASELINE = 0.10
-"""Scene mIoU by which our method is to lead each baseline's split row."""
+"""Scene mIoU by which our method is to lead the stronger row of each baseline."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ def _figure(path: str) -> Callable[[Figures], float | None]:
     return lambda figures: value(figures, path)
 
 
-def _compare_with_oracle(path: str, oracle: str) -> Callable[[Figures], float | None]:
-    return lambda figures: ratio(value(figures, path), value(figures, oracle))
+def _compare_with_reference(path: str, reference: str) -> Callable[[Figures], float | None]:
+    return lambda figures: ratio(value(figures, path), value(figures, reference))
 
 
 TARGETS = (
-    Target("oracle scene mIoU", _figure("scene.oracle_miou"), 0.78),
-    Target("scene mIoU ÷ oracle's", _compare_with_oracle("scene.miou", "scene.oracle_miou"), 0.93),
-    Target("PQ ÷ oracle's", _compare_with_oracle("scene.pq", "scene.oracle_pq"), 0.85),
+    Target("reference's scene mIoU", _figure("scene.reference_miou"), 0.78),
+    Target("scene mIoU ÷ reference's", _compare_with_reference("scene.miou", "scene.reference_miou"), 0.93),
+    Target("PQ ÷ reference's", _compare_with_reference("scene.pq", "scene.reference_pq"), 0.85),
     Target("LiDAR AP50", _figure("lidar.ap50"), 0.65),
     Target("click hit rate", _figure("click.hit_rate"), 0.92),
     Target("collateral", _figure("click.collateral"), 0.02, at_least=False, digits=4),
@@ -52,6 +52,12 @@ TARGETS = (
     Target("objects per instance", _figure("lidar.objects_per_instance"), 1.03, at_least=False),
     Target("instances per object", _figure("lidar.instances_per_object"), 1.2, at_least=False),
 )
+
+
+def find_stronger(results: Results, place: tuple[str, str, str], method: str) -> float | None:
+    """Scene mIoU of the stronger of a baseline's rows; None where neither is known."""
+    both = [value(results.figures(*place, method, "", row), "scene.miou") for row in (PUBLISHED, SPLIT)]
+    return max((number for number in both if number is not None), default=None)
 
 
 def targets_table(results: Results, places: dict[str, tuple[str, str, str]], baselines: dict[str, str]) -> str:
@@ -62,11 +68,10 @@ def targets_table(results: Results, places: dict[str, tuple[str, str, str]], bas
         for target in TARGETS
     ]
     for title, method in baselines.items():
-        lead = Target(f"scene mIoU above {title}, split", lambda figures: None, OVER_BASELINE)
-        theirs = [results.figures(*place, method) for place in places.values()]
+        lead = Target(f"scene mIoU above {title}'s stronger row", lambda figures: None, OVER_BASELINE)
         leads = [
-            difference(value(own, "scene.miou"), value(other, "scene.miou"))
-            for own, other in zip(ours.values(), theirs, strict=True)
+            difference(value(own, "scene.miou"), find_stronger(results, place, method))
+            for own, place in zip(ours.values(), places.values(), strict=True)
         ]
         rows.append([lead.text, lead.format_bound(), *map(lead.judge, leads)])
     return table(["target", "bound", *places], rows)

@@ -30,9 +30,12 @@ class Options:
     """Make the tables' cells that are not there yet, then the page."""
 
     only: tuple[str, ...] = ()
-    """Cells whose names contain one of these (`*` matches anything), and what they need; default: all."""
+    """Cells whose names contain one of these (`*` matches anything), and what they need; default: all but those of
+    --full-length."""
     list: bool = False
     """Say which cells there are, which are done, and how long the others are expected to take; do nothing."""
+    full_length: bool = False
+    """Also train the paper's method for its own 30,000 steps, on the frozen geometry."""
     budget: float | None = None
     """Seconds: no cell starts that is not expected to end within them. 0 writes the page only."""
     jobs: int = 1
@@ -72,7 +75,7 @@ def main(options: Options) -> int:
             raise OptionError(f"there is no cell {options.cell!r}; --list shows them all")
         work(place.cells[options.cell], place)
         return 0
-    cells = choose_cells(tuple(place.cells.values()), options.only)
+    cells = choose_cells(tuple(place.cells.values()), options.only, options.full_length)
     if options.list:
         print(listing(cells, place))
         return 0

@@ -40,7 +40,7 @@ def main(options: Options) -> dict[str, object]:
     start = time.perf_counter()
     found = find_tracks(clip, options.held_out)
     seconds = time.perf_counter() - start
-    scores = score_tracks(found.tracks, find_annotated_movers(clip), clip.tracks)
+    scores = score_tracks(found.tracks, find_annotated_movers(clip), clip.true_tracks)
     errors = scores.errors
     return {
         "clip": clip.name,

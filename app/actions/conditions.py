@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import Request
 
@@ -11,6 +12,19 @@ from instdrive_app.session.requests import Request
 def is_editable(session: EditorSession) -> bool:
     """Whether a document is open and no modal job waits or runs."""
     return session.document is not None and not session.jobs.is_blocking
+
+
+def explain_disabled(session: EditorSession, action: Action) -> str:
+    """Say why an action cannot run now, in a sentence for the user."""
+    if session.jobs.is_blocking and session.jobs.current is not None:
+        return f"“{session.jobs.current.title}” is still running"
+    if session.document is None:
+        return "Open a scene first"
+    if action.needs:
+        return action.needs
+    if session.selection.is_empty:
+        return "Select something first"
+    return "There is nothing for it to do now"
 
 
 def put_request(session: EditorSession, request: Request) -> Callable[[], None]:

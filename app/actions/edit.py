@@ -5,7 +5,7 @@ from __future__ import annotations
 from instdrive_app.action import Action
 from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import AskName, OfferCleanup
+from instdrive_app.session.requests import AskName, OfferCleanup, ShowPanel
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -29,6 +29,7 @@ def _list_history(session: EditorSession) -> list[Action]:
             ("Ctrl+Z",),
             enabled=lambda: can_step(back=True),
             icon="ICON_FA_ROTATE_LEFT",
+            needs="There is nothing to undo",
         ),
         Action(
             "edit.redo",
@@ -38,11 +39,16 @@ def _list_history(session: EditorSession) -> list[Action]:
             ("Ctrl+Shift+Z", "Ctrl+Y"),
             enabled=lambda: can_step(back=False),
             icon="ICON_FA_ROTATE_RIGHT",
+            needs="There is nothing to redo",
         ),
     ]
 
 
 def _list_changes(session: EditorSession) -> list[Action]:
+    def ask_color() -> None:
+        session.colors.ask_color()
+        session.requests.put(ShowPanel("Inspector"))
+
     return [
         Action(
             "edit.delete",
@@ -52,18 +58,19 @@ def _list_changes(session: EditorSession) -> list[Action]:
             ("Delete",),
             enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_TRASH",
+            words=("remove", "erase"),
             undoable=True,
             separator=True,
         ),
         Action(
             "edit.recolor",
-            "Recolour",
-            lambda: session.colors.recolor_as_picked(session.selection.ids),
+            "Recolour…",
+            ask_color,
             "Edit",
             ("C",),
             enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_PAINTBRUSH",
-            undoable=True,
+            words=("paint", "color", "colour", "tint"),
         ),
         Action(
             "edit.reset_colors",
@@ -131,6 +138,7 @@ def _list_visibility(session: EditorSession) -> list[Action]:
             enabled=lambda: bool(session.selection.ids or session.visibility.solo.ids),
             checked=lambda: bool(session.visibility.solo.ids),
             icon="ICON_FA_BULLSEYE",
+            words=("crop", "isolate"),
             undoable=True,
         ),
         Action(
@@ -155,6 +163,7 @@ def _list_cleanup(session: EditorSession) -> list[Action]:
             "Edit",
             enabled=lambda: is_editable(session) and bool(session.files.defects),
             icon="ICON_FA_BROOM",
+            needs="This scene has no odd splats",
             separator=True,
             undoable=True,
         ),

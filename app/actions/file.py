@@ -99,6 +99,7 @@ def _list_exporting(session: EditorSession) -> list[Action]:
             ("Ctrl+E",),
             enabled=lambda: is_editable(session),
             icon="ICON_FA_FILE_EXPORT",
+            words=("screenshot", "picture", "image", "render", "mask", "save as ply"),
             undoable=False,
         ),
         Action(
@@ -109,6 +110,7 @@ def _list_exporting(session: EditorSession) -> list[Action]:
             ("Ctrl+Shift+E",),
             enabled=lambda: is_editable(session) and not session.selection.is_empty,
             icon="ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE",
+            words=("crop", "cut out"),
             undoable=False,
         ),
     ]

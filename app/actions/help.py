@@ -26,6 +26,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             "Help",
             ("F1",),
             icon="ICON_FA_KEYBOARD",
+            words=("hotkeys", "shortcuts", "keyboard"),
         ),
         Action(
             "help.log",

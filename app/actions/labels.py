@@ -39,6 +39,7 @@ def _list_instance_actions(session: EditorSession) -> list[Action]:
             ("Ctrl+M",),
             enabled=lambda: has_instances(2),
             icon="ICON_FA_OBJECT_GROUP",
+            needs="Select two or more instances",
             separator=True,
             undoable=True,
         ),
@@ -50,6 +51,7 @@ def _list_instance_actions(session: EditorSession) -> list[Action]:
             ("Ctrl+J",),
             enabled=has_one_instance,
             icon="ICON_FA_OBJECT_UNGROUP",
+            needs="Select one instance",
             undoable=True,
         ),
     ]
@@ -68,6 +70,7 @@ def _list_splat_actions(session: EditorSession) -> list[Action]:
             ("Ctrl+R",),
             enabled=has_splats,
             icon="ICON_FA_RIGHT_LEFT",
+            needs="Select splats with the rectangle or the lasso",
             undoable=True,
         ),
         Action(
@@ -78,6 +81,7 @@ def _list_splat_actions(session: EditorSession) -> list[Action]:
             ("Ctrl+Shift+N",),
             enabled=has_splats,
             icon="ICON_FA_CIRCLE_PLUS",
+            needs="Select splats with the rectangle or the lasso",
             undoable=True,
         ),
         Action(

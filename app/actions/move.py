@@ -62,6 +62,7 @@ def _list_moves(session: EditorSession) -> list[Action]:
             "Move",
             enabled=lambda: is_editable(session),
             icon="ICON_FA_ARROWS_SPIN",
+            words=("rotate scene", "up", "orient", "flip"),
             separator=True,
             undoable=True,
         ),

@@ -14,7 +14,9 @@ def list_actions(session: EditorSession) -> list[Action]:
     state = session.state
 
     def looks_through_camera() -> bool:
-        return state.dataset_view is not None
+        if state.dataset_view is None or session.document is None:
+            return False
+        return bool(session.document.scene.views[state.dataset_view].photo) or state.reference is not Reference.NONE
 
     def show(kind: Reference) -> Callable[[], None]:
         def run() -> None:
@@ -35,6 +37,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             enabled=looks_through_camera,
             checked=lambda: state.reference is Reference.PHOTO,
             icon="ICON_FA_IMAGE",
+            needs="Look through a camera that has photos",
             separator=True,
         ),
         Action(
@@ -46,6 +49,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             enabled=looks_through_camera,
             checked=lambda: state.reference is Reference.MASKS,
             icon="ICON_FA_OBJECT_GROUP",
+            needs="Look through a camera that has masks",
         ),
         Action(
             "view.beside",
@@ -56,5 +60,6 @@ def list_actions(session: EditorSession) -> list[Action]:
             enabled=lambda: looks_through_camera() and state.reference is not Reference.NONE,
             checked=lambda: state.reference_beside,
             icon="ICON_FA_TABLE_COLUMNS",
+            needs="Show the photo or the masks first",
         ),
     ]

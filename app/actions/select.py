@@ -44,6 +44,7 @@ def _list_sets(session: EditorSession) -> list[Action]:
             ("Ctrl+I",),
             enabled=lambda: is_editable(session),
             icon="ICON_FA_CIRCLE_HALF_STROKE",
+            words=("crop",),
             undoable=True,
         ),
     ]
@@ -85,6 +86,7 @@ def _list_kinds(session: EditorSession) -> list[Action]:
             ("K",),
             enabled=lambda: bool(_find_classes(session)),
             icon="ICON_FA_TAGS",
+            needs="Select instances that have a class",
             undoable=True,
             separator=True,
         ),
@@ -96,6 +98,7 @@ def _list_kinds(session: EditorSession) -> list[Action]:
             ("G",),
             enabled=lambda: len(session.selection.ids) == 1 and session.selection.has_codewords,
             icon="ICON_FA_BARCODE",
+            needs="Select one instance of a scene with codewords",
             undoable=True,
         ),
     ]

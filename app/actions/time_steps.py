@@ -24,6 +24,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             ("LeftArrow",),
             enabled=has_steps,
             icon="ICON_FA_BACKWARD_STEP",
+            needs="This scene shows one moment only",
         ),
         Action(
             "time.play",
@@ -34,6 +35,8 @@ def list_actions(session: EditorSession) -> list[Action]:
             enabled=has_steps,
             checked=lambda: session.navigation.playing,
             icon="ICON_FA_PLAY",
+            words=("video", "animation"),
+            needs="This scene shows one moment only",
         ),
         Action(
             "time.next",
@@ -43,5 +46,6 @@ def list_actions(session: EditorSession) -> list[Action]:
             ("RightArrow",),
             enabled=has_steps,
             icon="ICON_FA_FORWARD_STEP",
+            needs="This scene shows one moment only",
         ),
     ]

@@ -50,6 +50,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             ("F",),
             enabled=lambda: session.document is not None,
             icon="ICON_FA_EXPAND",
+            words=("camera", "zoom", "focus"),
             separator=True,
         ),
         Action(
@@ -60,6 +61,17 @@ def list_actions(session: EditorSession) -> list[Action]:
             ("Home",),
             enabled=lambda: session.document is not None,
             icon="ICON_FA_MAXIMIZE",
+            words=("camera", "zoom", "fit"),
+        ),
+        Action(
+            "view.start",
+            "Start view",
+            session.navigation.look_from_start,
+            "View",
+            ("Ctrl+Home",),
+            enabled=lambda: session.document is not None,
+            icon="ICON_FA_HOUSE",
+            words=("camera", "reset view"),
         ),
         Action(
             "view.birds_eye",
@@ -69,9 +81,14 @@ def list_actions(session: EditorSession) -> list[Action]:
             ("Shift+Home",),
             enabled=lambda: session.document is not None,
             icon="ICON_FA_DOVE",
+            words=("camera", "top", "map"),
         ),
         _create_switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
+        _create_switch(session, "view.plain_solo", "Plain backdrop when shown alone", "plain_solo", "ICON_FA_SQUARE"),
         _create_switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
+        _create_switch(
+            session, "view.above_ground", "Orbit above the ground only", "stay_above_ground", "ICON_FA_ROAD"
+        ),
     ]
 
 

@@ -85,8 +85,7 @@ class ScriptedSession:
         self._save("cleaned.png")
         yield from self._point_at(second)
         yield from self._click(second, "recolored")
-        self._session.colors.mode, self._session.colors.color = "tint", SECOND_COLOR
-        self._run("edit.recolor")
+        self._session.colors.recolor(self._session.selection.ids, "paint", SECOND_COLOR)
         yield from self._wait_until_drawn()
         self._save("recolored.png")
         yield from self._export()

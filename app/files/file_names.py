@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
 
 from instdrive_core.wording import format_count
@@ -36,6 +38,26 @@ def find_working_folder() -> Path:
     except OSError:
         return Path.home()
     return folder if is_displayable(folder) else Path.home()
+
+
+def find_documents_folder() -> Path:
+    """Find the folder of the user's documents, as the desktop names it; the user's home where there is none."""
+    config = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "user-dirs.dirs"
+    try:
+        named = re.search(r'^XDG_DOCUMENTS_DIR="([^"]+)"', config.read_text(encoding="utf-8"), re.MULTILINE)
+    except (OSError, UnicodeDecodeError):
+        named = None
+    folders = [Path(named[1].replace("$HOME", str(Path.home())))] if named else []
+    found = next((folder for folder in (*folders, Path.home() / "Documents") if os.path.isdir(folder)), Path.home())
+    return found if is_displayable(found) else Path.home()
+
+
+def find_folder_beside(path: Path | None) -> Path:
+    """Find the folder that a new file beside `path` goes to; never one inside the program, where the sample lies."""
+    if path is None:
+        return find_working_folder()
+    folder, assets = path.resolve().parent, Path(str(resources.files("instdrive_app.assets"))).resolve()
+    return find_documents_folder() if folder.is_relative_to(assets) else folder
 
 
 def join_names(paths: Sequence[Path]) -> str:

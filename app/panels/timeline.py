@@ -53,7 +53,8 @@ class TimelinePanel:
         if state.dataset_view is None:
             draw_dim_text("Choose a camera to compare the splats with its photos")
         elif state.reference is Reference.NONE:
-            draw_dim_text("Compare with the photo or its masks")
+            known = session.document is not None and session.document.scene.views[state.dataset_view].photo
+            draw_dim_text("Compare with the photo or its masks" if known else "This scene comes without its photos")
         elif state.reference_beside:
             draw_dim_text(f"{state.reference.value} beside the splats")
         else:

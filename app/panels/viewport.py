@@ -44,6 +44,8 @@ class ViewportPanel:
         self._tool_drags = False
         self._tool_stopped = False
         """Whether Escape ended the tool's part of the present press."""
+        self._is_double = False
+        """Whether the present press, or the one just released, is the second of a double click."""
         self._menu_instance = 0
         self._empty = EmptyView()
 
@@ -108,8 +110,11 @@ class ViewportPanel:
         viewpoint = state.viewpoint
         if any(imgui.is_mouse_clicked(button) for button in range(3)):
             self._drags = self._tool_stopped = False
+            self._is_double = imgui.is_mouse_double_clicked(0)
         moved = self._drag_view(ui, place) if active else viewpoint
-        if hovered and io.mouse_wheel:
+        if hovered and io.mouse_wheel and io.key_alt:
+            self._turn_wheel(ui, place, -1 if io.mouse_wheel > 0 else 1)
+        elif hovered and io.mouse_wheel:
             moved = camera.dolly(moved, 0.88**io.mouse_wheel)
         if (hovered or active) and not io.want_text_input and not io.key_ctrl:
             moved = _fly(moved, io.delta_time, io.key_shift)
@@ -140,8 +145,14 @@ class ViewportPanel:
             return viewpoint
         if button == 2 or (button == 0 and io.key_shift):
             return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fit_camera(place.width, place.height).fx)
-        turn = camera.look if button == 1 and not ui.tool.drags else camera.orbit
+        turn = camera.look if button == 1 and not ui.tool.drags else ui.session.navigation.orbit
         return turn(viewpoint, -dx * TURN_PER_PIXEL / scale_pixels(1), -dy * TURN_PER_PIXEL / scale_pixels(1))
+
+    def _turn_wheel(self, ui: Ui, place: Rectangle, step: int) -> None:
+        """Go to what is behind, or back to what is before it, under the pointer."""
+        at, snapshot = imgui.get_io().mouse_pos, ui.view.snapshot
+        if snapshot is not None:
+            ui.tool.cycle(Click(at.x - place.x, at.y - place.y), snapshot, step)
 
     def _drag_tool(self, ui: Ui, start: Point, to: Point) -> None:
         if imgui.is_key_pressed(imgui.Key.escape):
@@ -157,7 +168,7 @@ class ViewportPanel:
         if ui.script_pointer is not None:
             x, y = ui.script_pointer
         ui.pointer = None
-        click = Click(x, y, io.key_shift, io.key_ctrl, io.key_alt)
+        click = Click(x, y, io.key_shift, io.key_ctrl, io.key_alt, self._is_double)
         if self._tool_drags and not imgui.is_mouse_down(0):
             self._tool_drags = False
             if snapshot is not None:
@@ -171,7 +182,11 @@ class ViewportPanel:
         ui.tool.hover(x, y, snapshot)
         if self._drags or not hovered:
             return
-        if imgui.is_mouse_released(0):
+        if imgui.is_mouse_released(0) and ui.session.colors.picks_reference:
+            row = ui.view.find_row_at(x, y)
+            if row is not None:
+                ui.session.colors.take_reference_from(row)
+        elif imgui.is_mouse_released(0):
             ui.tool.click(click, snapshot)
         if imgui.is_mouse_released(1) and ui.session.state.hovered:
             self._menu_instance = ui.session.state.hovered

@@ -81,14 +81,19 @@ class LiveView:
         assert renderer.picture is not None, "a frame was just drawn"
         return renderer.picture
 
-    def measure_depth_at(self, x: float, y: float) -> float | None:
-        """Measure the depth (metres along the viewing axis) of the splat that the ID view shows at a pixel, if any."""
-        document, snapshot = self._document, self.snapshot
-        if document is None or snapshot is None or snapshot.draft:
+    def find_row_at(self, x: float, y: float) -> int | None:
+        """Find the splat that the ID view shows at a pixel; None where none is, or while the camera moves."""
+        snapshot = self.snapshot
+        if self._document is None or snapshot is None or snapshot.draft:
             return None
         row = snapshot.read_row_at(x, y) if isinstance(snapshot, ShownFrame) else None
         row = self.renderer.read_row_at(snapshot, int(x), int(y)) if row is None else row
-        if row is None or row < 0:
+        return None if row is None or row < 0 else row
+
+    def measure_depth_at(self, x: float, y: float) -> float | None:
+        """Measure the depth (metres along the viewing axis) of the splat that the ID view shows at a pixel, if any."""
+        document, snapshot, row = self._document, self.snapshot, self.find_row_at(x, y)
+        if document is None or snapshot is None or row is None:
             return None
         poses, _ = document.scene.find_node_poses(snapshot.time)
         pose = poses[document.scene.nodes[row]]

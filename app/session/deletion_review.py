@@ -1,9 +1,9 @@
-"""Review of the last deletion: what it left is searched in the background, shown, and cleaned up on request."""
+"""Review of deletions and moves: what they left is searched in the background, shown, and cleaned up on request."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64, Int64, UInt16
@@ -11,21 +11,34 @@ from numpy import ndarray
 
 from instdrive_app.session.context import SessionContext
 from instdrive_core import progress
+from instdrive_core.edits.bases.append import AppendEdit
 from instdrive_core.edits.deletion_report import DeletionReport, report_deletion, report_row_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
+from instdrive_core.edits.kinds.fill_hole import FillHole
+from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.kinds.reset_moves import ResetMoves
 from instdrive_core.errors import EditError
+from instdrive_core.scene.selection import Flag
 
+SETTLE_SECONDS = 0.6
+"""Time for which a move stays the last step before the place it left is reviewed."""
+LEAST_MOVE = 0.5
+"""Metres: who moves less still covers most of the old place."""
+MOST_RESUMED = 8
+"""Last deletions and moves of a recovered document that are reviewed again."""
 MOST_INSTANCES = 100
 """Deletions of more instances are not reviewed: that would take minutes, and no single object was taken out."""
 
 
 @dataclass
 class DeletionFindings:
-    """The report on a deletion, and what was done about it."""
+    """The report on a deletion, or on the place that a moved object has left, and what was done about it."""
 
     document: Document
     deletion: Edit
@@ -37,6 +50,15 @@ class DeletionFindings:
     """The edit that deletes the residue, done or not; None without residue."""
     fill_edit: Edit | None = None
     """The edit that filled the hole, once it was done."""
+    time: float = 0.0
+    """Seconds into the drive at which it was looked at."""
+    is_move: bool = False
+    """Whether the object was moved instead of deleted."""
+
+    @property
+    def title(self) -> str:
+        """``Deleted Car 17``."""
+        return f"{'Moved' if self.is_move else 'Deleted'} {self.report.name}"
 
     @property
     def residue_count(self) -> int:
@@ -50,26 +72,46 @@ class DeletionFindings:
 
     @property
     def is_current(self) -> bool:
-        """Whether the deletion is done and leaves residue or a hole."""
+        """Whether the deletion or move is done and leaves residue or a hole."""
         return self._is_done(self.deletion) and (self.residue_count > 0 or self.hole is not None)
 
     def _is_done(self, edit: Edit | None) -> bool:
         return edit is not None and any(each is edit for each in self.document.history.done)
 
 
+@dataclass
+class _Subject:
+    """An edit to be reviewed."""
+
+    edit: Edit
+    time: float
+
+
 class DeletionReview:
-    """Reviews deletions. Undoing the clean-up brings the report back, undoing the deletion removes it."""
+    """Reviews deletions and first moves, and keeps the reports until they are dealt with or dismissed.
+
+    Undoing the clean-up brings a report back, undoing the deletion removes it.
+    """
 
     def __init__(self, context: SessionContext) -> None:
         self._context, self._jobs, self._messages = context, context.jobs, context.messages
-        self._finding: DeletionFindings | None = None
-        self._filling = False
+        self._findings: list[DeletionFindings] = []
+        self._filling = self._fills_all = False
+        self._last: tuple[Edit | None, float] = (None, 0.0)
+        """The last edit of the history that was looked at as a move, and the seconds it has stayed the last."""
+        self._known: list[Edit] = []
+        """Moves that were looked at."""
+
+    @property
+    def pending(self) -> tuple[DeletionFindings, ...]:
+        """What deletions and moves have left, oldest first."""
+        document = self._context.document
+        return tuple(found for found in self._findings if found.document is document and found.is_current)
 
     @property
     def findings(self) -> DeletionFindings | None:
-        """What to show; None where the last deletion left nothing."""
-        found, document = self._finding, self._context.document
-        return found if found is not None and found.document is document and found.is_current else None
+        """The last of what is pending; None where nothing is left."""
+        return next(reversed(self.pending), None)
 
     @property
     def is_filling(self) -> bool:
@@ -79,15 +121,88 @@ class DeletionReview:
     def review_instances(self, ids: Iterable[int]) -> None:
         """Review the last step of the history, which deleted these whole instances."""
         ids, time = tuple(ids), self._context.state.time
-        if len(ids) > MOST_INSTANCES:
-            self._finding = None
-            return
-        self._look(lambda frozen: report_deletion(frozen, ids, time))
+        if len(ids) <= MOST_INSTANCES:
+            self._look(lambda frozen: report_deletion(frozen, ids, time), time)
 
     def review_rows(self, rows: Int64[ndarray, " m"]) -> None:
         """Review the last step of the history, which deleted the splats of these rows."""
         time = self._context.state.time
-        self._look(lambda frozen: report_row_deletion(frozen, rows, time))
+        self._look(lambda frozen: report_row_deletion(frozen, rows, time), time)
+
+    def tick(self, seconds: float, is_dragging: bool) -> None:
+        """Review a move once it has been the last step for a moment; called once a frame."""
+        document = self._context.document
+        last = document.history.done[-1] if document is not None and document.history.done else None
+        if not isinstance(last, MoveInstances) or any(edit is last for edit in self._known):
+            self._last = (None, 0.0)
+            return
+        waited = self._last[1] + seconds if self._last[0] is last else 0.0
+        self._last = (last, waited)
+        if waited >= SETTLE_SECONDS and not is_dragging:
+            self._known.append(last)
+            self._review_move(_Subject(last, self._context.state.time), is_told=True)
+
+    def store(self) -> list[list[float]]:
+        """Convert what is pending into JSON values: the number of each edit in the history, and the time."""
+        document = self._context.document
+        numbers = {id(edit): number for number, edit in enumerate(document.history.edits)} if document else {}
+        return [[numbers[id(found.deletion)], found.time] for found in self.pending if id(found.deletion) in numbers]
+
+    def resume(self, stored: object) -> None:
+        """Review again what was pending when a project was saved, as `store` gave it; else the last deletions."""
+        document = self._context.document
+        if document is None:
+            return
+        edits = document.history.done
+        self._findings, self._known = [], [edit for edit in edits if isinstance(edit, MoveInstances)]
+        subjects = _read_subjects(stored, document)
+        if subjects is None:
+            reviewed = [edit for edit in edits if isinstance(edit, (DeleteInstances, DeleteSelected, MoveInstances))]
+            subjects = [_Subject(edit, self._context.state.time) for edit in reviewed[-MOST_RESUMED:]]
+        for subject in subjects:
+            if isinstance(subject.edit, MoveInstances):
+                self._review_move(subject, is_told=False)
+            else:
+                self._review_again(subject)
+
+    def _review_again(self, subject: _Subject) -> None:
+        """Review a deletion of a reopened document."""
+        edit, time = subject.edit, subject.time
+        if isinstance(edit, DeleteInstances) and len(edit.ids) <= MOST_INSTANCES:
+            ids = edit.ids
+            self._look(lambda frozen: report_deletion(frozen, ids, time), time, edit, is_told=False)
+        elif isinstance(edit, DeleteSelected):
+            rows = edit.list_set_rows(Flag.DELETED)
+            self._look(lambda frozen: report_row_deletion(frozen, rows, time), time, edit, is_told=False)
+
+    def _review_move(self, subject: _Subject, is_told: bool) -> None:
+        """Review the place where moved instances stood when the scene was trained, unless they were copies."""
+        document, edit = self._context.document, subject.edit
+        assert document is not None
+        assert isinstance(edit, MoveInstances)
+        added = {number for each in document.history.done for number in _list_added(each)}
+        ids = tuple(number for number in edit.ids if number not in added)
+        is_known = any(
+            found.is_move and {part.instance_id for part in found.report.parts} & {*ids} for found in self.pending
+        )
+        if not ids or len(ids) > MOST_INSTANCES or is_known:
+            return
+        first = dict(document.first_tracks)
+
+        def look(frozen: Document) -> DeletionReport | None:
+            frozen.set_first_tracks(first)
+            rows = frozen.find_rows(ids)
+            before = frozen.compute_means(rows)
+            if not ResetMoves(ids).do(frozen) and not any(frozen.scene.table[number].node for number in ids):
+                return None
+            away = np.linalg.norm(frozen.compute_means(rows) - before, axis=1)
+            if np.median(away) < LEAST_MOVE and not frozen.scene.nodes[rows].any():
+                return None
+            found = report_deletion(frozen, ids, subject.time)
+            none = np.zeros(0, np.int64)
+            return replace(found, residue=none, carriers={}) if found.hole_area else None
+
+        self._look(look, subject.time, edit, is_told, is_move=True)
 
     def absorb(self) -> None:
         """Delete the residue as well."""
@@ -110,10 +225,14 @@ class DeletionReview:
             self._filling = False
             if self._context.document is document and self._context.apply(edit):
                 found.fill_edit = edit
-                self._messages.info(f"Filled a hole of {found.report.hole_area:.1f} m² with synthetic ground")
+                self._messages.info(f"Filled a hole of {edit.area:.1f} m² with synthetic ground")
+                if self._fills_all and self.findings is not None and self.findings.hole is not None:
+                    self.fill()
+                else:
+                    self._fills_all = False
 
         def handle_failure(error: BaseException) -> bool:
-            self._filling = False
+            self._filling = self._fills_all = False
             if isinstance(error, EditError):
                 self._messages.error(f"The hole cannot be filled: {error}")
             return isinstance(error, EditError)
@@ -122,28 +241,87 @@ class DeletionReview:
             "Filling the hole", lambda: edit.prepare(frozen), finish, modal=False, on_failure=handle_failure
         )
 
-    def clear(self) -> None:
-        """Dismiss the report."""
-        self._finding = None
+    def fill_all(self) -> None:
+        """Fill all pending holes, one after the other."""
+        self._fills_all = True
+        self.fill()
 
-    def _look(self, work: Callable[[Document], DeletionReport]) -> None:
+    def clear(self) -> None:
+        """Dismiss the report that is shown; the one before it is shown then."""
+        found = self.findings
+        self._findings = [each for each in self._findings if each is not found]
+
+    def clear_all(self) -> None:
+        """Dismiss all reports."""
+        self._findings.clear()
+
+    def _look(
+        self,
+        work: Callable[[Document], DeletionReport | None],
+        time: float,
+        edit: Edit | None = None,
+        is_told: bool = True,
+        is_move: bool = False,
+    ) -> None:
+        """Review an edit, by default the last one, in the background."""
         document = self._context.document
         if document is None:
             return
-        deletion, frozen = document.history.done[-1], freeze_document(document)
+        deletion, frozen = edit or document.history.done[-1], freeze_document(document)
 
-        def look() -> DeletionFindings:
+        def look() -> DeletionFindings | None:
             report = work(frozen)
+            if report is None:
+                return None
             progress.report(0.9)
             absorption = report.make_absorb_edit()
             if isinstance(absorption, AbsorbFloaters):
                 absorption.prepare(frozen)
             places = frozen.compute_means(report.residue).astype(np.float64)
-            return DeletionFindings(document, deletion, report, places, frozen.scene.nodes[report.residue], absorption)
+            nodes = frozen.scene.nodes[report.residue]
+            return DeletionFindings(document, deletion, report, places, nodes, absorption, time=time, is_move=is_move)
 
-        def finish(found: DeletionFindings) -> None:
-            if self._context.document is document and found.is_current:
-                self._finding = found
-                self._messages.info(f"Deleted {found.report.name}: {found.report.summary}")
+        def finish(found: DeletionFindings | None) -> None:
+            if found is None or self._context.document is not document or not found.is_current:
+                return
+            if edit is not None and _is_filled(document, found):
+                return
+            self._findings.append(found)
+            if is_told:
+                summary = f"hole of {found.report.fill_area:.1f} m² where it stood" if is_move else found.report.summary
+                self._messages.info(f"{found.title}: {summary}")
 
         self._jobs.submit_in_background("Reviewing the deletion", look, finish)
+
+
+def _read_subjects(stored: object, document: Document) -> list[_Subject] | None:
+    """Read what `DeletionReview.store` gave; None where it is nothing of the kind."""
+    if not isinstance(stored, list):
+        return None
+    edits, subjects = document.history.edits, []
+    for entry in stored:
+        if (
+            not isinstance(entry, list)
+            or len(entry) != 2
+            or not all(isinstance(value, (int, float)) for value in entry)
+        ):
+            return None
+        number, time = int(entry[0]), float(entry[1])
+        if 0 <= number < len(edits) and np.isfinite(time):
+            subjects.append(_Subject(edits[number], time))
+    return subjects
+
+
+def _list_added(edit: Edit) -> tuple[int, ...]:
+    """IDs of the instances that an edit has added."""
+    if isinstance(edit, CompoundEdit):
+        return tuple(number for part in edit.edits for number in _list_added(part))
+    return edit.added_ids if isinstance(edit, AppendEdit) else ()
+
+
+def _is_filled(document: Document, found: DeletionFindings) -> bool:
+    """Whether a later edit of a reopened document has filled this hole, and nothing else is left."""
+    fill, done = found.report.make_fill_edit(), document.history.done
+    after = done[next((number for number, edit in enumerate(done) if edit is found.deletion), 0) :]
+    is_named = fill is not None and any(isinstance(edit, FillHole) and edit.name == fill.name for edit in after)
+    return is_named and not found.residue_count

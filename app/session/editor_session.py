@@ -50,7 +50,7 @@ class EditorSession:
         self.history = HistoryController(self.jobs, self.messages)
         context = SessionContext(self.state, self.history, self.jobs, self.messages, self.requests, self.wake)
 
-        self.files = DocumentFiles(context, self._enter)
+        self.files = DocumentFiles(context, self._enter, lambda: {"pending": self.deletion.review.store()})
         self.export = ExportController(context, self.files)
         self.navigation = Navigation(context)
         self.references = ReferencePictures(self.messages.error, self.wake)
@@ -62,7 +62,7 @@ class EditorSession:
         self.movement = MoveController(context)
         self.deletion = DeletionController(context)
         self.insertion = InsertController(context, self.movement)
-        self.orientation = TurnController(context, self.navigation, turned=self.deletion.review.clear)
+        self.orientation = TurnController(context, self.navigation, turned=self.deletion.review.clear_all)
         self._deferred_bounds = BoundsUpdater(context)
         self.is_quitting = False
 
@@ -93,8 +93,11 @@ class EditorSession:
         self.files.autosave.follow(opened.document, opened.path, opened.restored)
         if opened.view is not None:
             restore_view(opened.view, self.state, self.navigation, len(opened.document.scene.views))
+            self.navigation.keep_start()
         for note in opened.notes:
             self.messages.info(note)
+        if opened.document.history.done:
+            self.deletion.review.resume(opened.view.get("pending") if opened.view is not None else None)
         self.files.defects = opened.defects
         is_harmed = any(defect.kind in HARMFUL for defect in opened.defects)
         if is_harmed and not opened.document.history.edits:
@@ -115,6 +118,8 @@ class EditorSession:
         self.orientation.tick()
         self._deferred_bounds.tick()
         self.navigation.tick(seconds)
+        self.deletion.review.tick(seconds, self.movement.drag is not None)
+        self.state.is_solo = bool(self.visibility.solo.ids)
 
     def quit(self) -> None:
         """Close the window after this frame."""

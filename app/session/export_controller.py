@@ -5,7 +5,7 @@ from __future__ import annotations
 import os.path
 from pathlib import Path
 
-from instdrive_app.files.file_names import find_working_folder
+from instdrive_app.files.file_names import find_folder_beside
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
 from instdrive_app.session.files.document_files import DocumentFiles
@@ -37,7 +37,7 @@ class ExportController:
     def propose_path(self) -> Path:
         """Propose a path for the choice, in the folder of the last export or of the scene."""
         near = self._files.last_export or self._files.path
-        return (near.resolve().parent if near else find_working_folder()) / self._propose_name()
+        return find_folder_beside(near) / self._propose_name()
 
     def propose_path_in(self, path: str) -> Path:
         """Propose a path for the choice, in the folder of a path as it is typed."""

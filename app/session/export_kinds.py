@@ -75,7 +75,7 @@ class ExportRequest:
     @classmethod
     def capture(cls, document: Document, path: Path, choice: ExportChoice, state: EditorState) -> ExportRequest:
         """Capture the time and view shown now."""
-        return cls(document, path, choice, state.time, state.viewpoint, state.view_mode, state.show_sky)
+        return cls(document, path, choice, state.time, state.viewpoint, state.view_mode, state.draws_sky)
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,14 @@ def _write_scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str
     is_folder = not path.suffix or path.is_dir()
     time = None if is_folder and choice.keep_tracks else request.time
     sibr = choice.sibr and path.name.lower().endswith(".ply")
-    count = export_scene(request.document, path, time, rows, sibr=sibr)
+    count = export_scene(request.document, path, time, rows, sibr=sibr, start=_make_start(request))
     return f"Exported {format_count(count, 'splat')} to {path}, read back and compared"
+
+
+def _make_start(request: ExportRequest) -> Camera:
+    """Make the camera with which an exported .ply opens: the present view."""
+    lens = request.viewpoint.lens
+    return Camera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height, request.viewpoint.world_from_camera)
 
 
 def _write_instances(request: ExportRequest) -> str:

@@ -2,23 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from weakref import ref
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32, Int
 from numpy import ndarray
 
 from instdrive_app import camera
+from instdrive_app.framing import frame_core, frame_scene
 from instdrive_app.session.context import SessionContext
 from instdrive_app.state import Viewpoint
 from instdrive_app.timeline import Timeline
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.queries.ground_height import estimate_ground_height
+from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity
 
 MAX_LOOKED_AT = 20_000
 """Number of splats that a viewpoint is chosen by."""
 
+CLEARANCE = 0.3
+"""Metres above the ground that orbiting keeps …"""
+CLEARANCE_SHARE = 0.05
+"""… or this share of the distance to the pivot where that is less."""
+GROUND_RADII = (4.0, 8.0, 16.0, 40.0)
+"""Metres around the camera within which the ground below it is looked for, in this order."""
+MIN_OPACITY_LOGIT = -2.0
+"""Fainter splats do not count when a view is chosen."""
+
 LOWEST, HIGHEST = -0.7, 0.2
 """Limits of the vertical part of the viewing direction after the scene was turned."""
+
+
+@dataclass(frozen=True)
+class _Start:
+    """The view with which a document was opened."""
+
+    viewpoint: Viewpoint
+    dataset_view: int | None
+    time: float
 
 
 class Navigation:
@@ -30,6 +54,8 @@ class Navigation:
         self.playing = False
         """Whether the drive is playing."""
         self._play_clock = 0.0
+        self._start: _Start | None = None
+        self._ground: tuple[tuple[object, ...], Float32[ndarray, "n 3"]] | None = None
 
     def enter(self, document: Document) -> None:
         """Choose the first view of a document: its first dataset camera, else one that shows everything."""
@@ -38,8 +64,40 @@ class Navigation:
         self._state.time, self._state.dataset_view = self.timeline.start, None
         if scene.views:
             self.look_through(0)
+        elif scene.start is not None:
+            start = CameraView(scene.start, "start view", 0, 0.0)
+            self.look_from(camera.view_from_camera(start, self._state.viewpoint.pivot_distance))
         else:
-            self.look_from(camera.frame_scene(self.compute_world_means(())))
+            self.look_from(frame_scene(self._find_framed_means()))
+        self.keep_start()
+
+    def keep_start(self) -> None:
+        """Make the present view the one that `look_from_start` returns to."""
+        self._start = _Start(self._state.viewpoint, self._state.dataset_view, self._state.time)
+
+    def look_from_start(self) -> None:
+        """Return to the view with which the document was opened."""
+        start, document = self._start, self._context.document
+        if start is None or document is None:
+            return
+        if start.dataset_view is not None and start.dataset_view < len(document.scene.views):
+            self.look_through(start.dataset_view)
+        else:
+            self.look_from(start.viewpoint)
+            self._state.time = start.time
+
+    def orbit(self, viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
+        """Turn a viewpoint about its pivot (radians), not below the ground unless the user wants to go there."""
+        if not self._state.stay_above_ground or self._context.document is None:
+            return camera.orbit(viewpoint, yaw, pitch)
+        points = self._find_ground_points()
+        clearance = min(CLEARANCE, CLEARANCE_SHARE * viewpoint.pivot_distance)
+
+        def find_floor(place: Float[ndarray, "3"]) -> float:
+            height = estimate_ground_height(points, place, GROUND_RADII)
+            return -np.inf if height is None else height + clearance
+
+        return camera.orbit_above(viewpoint, yaw, pitch, find_floor)
 
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Leave the dataset camera and look from a viewpoint."""
@@ -71,12 +129,17 @@ class Navigation:
         self.look_through(self.timeline.find_nearest_view(name, self._state.time))
 
     def frame(self, ids: tuple[int, ...]) -> None:
-        """Bring instances, or everything, into view."""
+        """Bring instances, or the dense part of everything that is shown, into view."""
         if self._context.document is None:
             return
-        means = self.compute_world_means(ids)
+        if ids:
+            means = self.compute_world_means(ids)
+            if len(means):
+                self.look_from(camera.frame_points(self._state.viewpoint, means))
+            return
+        means = self._find_framed_means()
         if len(means):
-            self.look_from(camera.frame_points(self._state.viewpoint, means))
+            self.look_from(frame_core(self._state.viewpoint, means))
 
     def follow_scene(self, matrix: Similarity) -> None:
         """Keep looking at the same thing, upright, after the whole scene was transformed by [s R | t].
@@ -87,8 +150,11 @@ class Navigation:
             self.look_through(self._state.dataset_view)
             return
         self._state.viewpoint = camera.transform_viewpoint(self._state.viewpoint, matrix)
+        if self._start is not None:
+            turned = camera.transform_viewpoint(self._start.viewpoint, matrix)
+            self._start = replace(self._start, viewpoint=turned)
         if not LOWEST <= self._state.viewpoint.forward[2] <= HIGHEST:
-            self.look_from(camera.frame_scene(self.compute_world_means(())))
+            self.look_from(frame_scene(self._find_framed_means()))
 
     def look_down(self, ids: tuple[int, ...]) -> None:
         """Look at instances, or everything, from straight above."""
@@ -105,10 +171,35 @@ class Navigation:
         """
         document = self._context.document
         assert document is not None
-        scene = document.scene
-        rows = document.find_rows(ids) if ids else np.arange(len(scene))
+        rows = document.find_rows(ids) if ids else np.arange(len(document.scene))
         rows = rows[:: 1 + len(rows) // MAX_LOOKED_AT]
-        rows = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
+        return self._place(rows[(document.state.flags[rows] & Flag.DELETED) == 0])
+
+    def _find_framed_means(self) -> Float[ndarray, "n 3"]:
+        """World positions of what is shown and not faint; of all that is not deleted where too little is left."""
+        document = self._context.document
+        assert document is not None
+        rows = np.flatnonzero(document.state.drawn)
+        rows = rows[:: 1 + len(rows) // MAX_LOOKED_AT]
+        solid = rows[document.scene.gaussians.opacity_logits[rows] > MIN_OPACITY_LOGIT]
+        return self._place(solid) if len(solid) >= len(rows) / 4 and len(solid) else self.compute_world_means(())
+
+    def _find_ground_points(self) -> Float32[ndarray, "n 3"]:
+        """Some points of the background (world), kept while nothing is turned, moved or deleted."""
+        document = self._context.document
+        assert document is not None
+        key = (ref(document), document.versions)
+        if self._ground is None or self._ground[0] != key:
+            rows = np.flatnonzero((document.scene.nodes == 0) & ((document.state.flags & Flag.DELETED) == 0))
+            rows = rows[:: 1 + len(rows) // MAX_LOOKED_AT]
+            self._ground = (key, document.compute_means(rows).astype(np.float32))
+        return self._ground[1]
+
+    def _place(self, rows: Int[ndarray, " n"]) -> Float[ndarray, "n 3"]:
+        """World positions of rows at the shown time."""
+        document = self._context.document
+        assert document is not None
+        scene = document.scene
         poses, _ = scene.find_node_poses(self._state.time)
         matrices = poses[scene.nodes[rows]]
         return np.einsum("nij,nj->ni", matrices[:, :3, :3], document.compute_means(rows)) + matrices[:, :3, 3]

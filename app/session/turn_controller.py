@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -23,6 +24,15 @@ VIEW_SNAP = 10.0
 """Degrees from an axis within which the view's up means the axis: nobody can tilt the view more exactly."""
 
 
+@dataclass(frozen=True)
+class TurnOffer:
+    """What the bar over the view offers."""
+
+    estimate: UpEstimate
+    is_answered: bool = False
+    """Whether the scene was turned since."""
+
+
 class TurnController:
     """Turns the open scene as a whole."""
 
@@ -35,14 +45,21 @@ class TurnController:
         self._stated: Axis | None = None
         self.estimate: UpEstimate | None = None
         """Which way is up in the open scene as it lies now; None while that is being estimated."""
+        self.offer: TurnOffer | None = None
+        """The question that waits for the user; None where there is none."""
 
     def enter(self, document: Document, stated: Axis | None) -> None:
         """Follow another document, whose file format states that this axis is up.
 
         Where it comes from another program and seems to lie on its side, the user is told how to turn it upright.
         """
-        self._seen, self._stated = (document, document.orientation), stated
-        if not len(document.scene.table) and not document.scene.views and not document.history.edits:
+        self._seen, self._stated, self.offer = (document, document.orientation), stated, None
+        if (
+            not len(document.scene.table)
+            and not document.scene.views
+            and not document.history.edits
+            and document.scene.start is None
+        ):
             self.guess_up(self._tell)
 
     def guess_up(self, then: Callable[[UpEstimate], None] = lambda _: None) -> None:
@@ -87,6 +104,22 @@ class TurnController:
 
         self._jobs.submit("Turning the scene", lambda: edit.prepare(frozen), finish)
 
+    def accept_offer(self) -> None:
+        """Turn the scene so that what the estimate says is up points up."""
+        if self.offer is not None:
+            self.turn(self.offer.estimate.direction)
+            self.offer = replace(self.offer, is_answered=True)
+
+    def flip(self) -> None:
+        """Turn the scene upside down."""
+        self.turn(-compute_axis_direction(UP))
+        if self.offer is not None:
+            self.offer = replace(self.offer, is_answered=True)
+
+    def dismiss_offer(self) -> None:
+        """Ask no longer."""
+        self.offer = None
+
     def tick(self) -> None:
         """Take the view along where an edit, undo or redo has turned the scene; called once a frame."""
         document, (seen, before) = self._context.document, self._seen
@@ -97,6 +130,8 @@ class TurnController:
         self._turned()
 
     def _tell(self, found: UpEstimate) -> None:
+        if not found.confident or found.axis != UP or found.tilt:
+            self.offer = TurnOffer(found)
         if found.confident and (found.axis != UP or found.tilt):
             self._messages.info(
                 f"This scene seems to lie on its side: {found.words} is up, judging by {found.reason}. "

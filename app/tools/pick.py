@@ -6,7 +6,7 @@ from instdrive_app.pointer import Click, Operation, Point
 from instdrive_app.render.picking import Picker
 from instdrive_app.render.shown_frame import find_shown_instance
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.state import FrameSnapshot
+from instdrive_app.state import FrameSnapshot, Stack
 from instdrive_core.edits.document.document import Document
 
 SAME_PLACE = 4.0
@@ -16,7 +16,8 @@ SAME_PLACE = 4.0
 class PickTool:
     """Picks whole instances.
 
-    A click selects, a second one takes the next instance behind; Shift adds, Ctrl removes, Alt takes the codeword.
+    A click selects, a double click frames, a slow second click takes the next instance behind; Shift adds, Ctrl
+    removes, Alt takes the codeword.
     """
 
     drags: bool = False
@@ -40,14 +41,44 @@ class PickTool:
         self._session.state.hovered = 0
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
-        """Select by a click on the frame `snapshot`; returns the instance, 0 for none."""
+        """Select by a click on the frame `snapshot`, or frame what is selected; returns the instance, 0 for none."""
+        if click.double:
+            return self._frame_selected()
         instance = self._find_first(click.x, click.y, snapshot)
         turn = self._count_turns(click, snapshot) if instance else 0
+        self._session.state.stack = None
         if turn:
             below = self._find_all(click.x, click.y, snapshot)
             instance = below[turn % len(below)] if below else instance
+            self._list_stack(below, instance, click, snapshot)
         self._select(instance, click)
         return instance
+
+    def cycle(self, click: Click, snapshot: FrameSnapshot, step: int) -> int:
+        """Select the instance so many farther behind (negative: before) than the selected one at this position."""
+        below = self._find_all(click.x, click.y, snapshot)
+        if not below:
+            return 0
+        chosen = self._session.selection.ids
+        here = below.index(chosen[0]) if len(chosen) == 1 and chosen[0] in below else None
+        instance = below[0 if here is None else (here + step) % len(below)]
+        self._session.selection.select((instance,), "replace")
+        self._list_stack(below, instance, click, snapshot)
+        return instance
+
+    def _list_stack(self, below: tuple[int, ...], chosen: int, click: Click, snapshot: FrameSnapshot) -> None:
+        """Let the window name what lies behind each other here."""
+        if len(below) > 1:
+            pose = snapshot.camera.world_from_camera.tobytes()
+            self._session.state.stack = Stack(below, below.index(chosen), (click.x, click.y), pose)
+
+    def _frame_selected(self) -> int:
+        """Bring into view what the first click of a double click has selected."""
+        self._last, self._session.state.stack = None, None
+        ids = self._session.selection.ids
+        if ids:
+            self._session.navigation.frame(ids)
+        return ids[0] if ids else 0
 
     def drag(self, start: Point, to: Point) -> None:
         """Do nothing: drags move the camera."""

@@ -54,6 +54,10 @@ class RegionTool(ABC):
         """Select by a click, like the pick tool; returns the instance, 0 for none."""
         return self._pick.click(click, snapshot)
 
+    def cycle(self, click: Click, snapshot: FrameSnapshot, step: int) -> int:
+        """Select what is farther behind at this position, like the pick tool."""
+        return self._pick.cycle(click, snapshot, step)
+
     def release(self, click: Click, snapshot: FrameSnapshot) -> None:
         """Select what lies inside the outline, as the state's region options say."""
         if self.outline and self._session.document is not None:

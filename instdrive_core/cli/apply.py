@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -15,6 +15,7 @@ from instdrive_core.cli.turn_options import TurnOptions
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.paint import PaintInstances
 from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.scene_parts import bake_part
@@ -33,7 +34,7 @@ def apply(
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
     delete: tuple[int, ...] = (),
     recolor: tuple[str, ...] = (),
-    recolor_mode: RecolorMode = "tint",
+    recolor_mode: RecolorMode | Literal["paint"] = "tint",
     rename: tuple[str, ...] = (),
     turn: Annotated[TurnOptions, tyro.conf.OmitArgPrefixes] = TurnOptions(),  # noqa: B008 (frozen)
     more: Annotated[EditOptions, tyro.conf.OmitArgPrefixes] = EditOptions(),  # noqa: B008 (frozen)
@@ -52,7 +53,8 @@ def apply(
             (.instdrive), which keeps the edits beside the scene.
         delete: IDs of instances to delete.
         recolor: Recolours as ID=#rrggbb.
-        recolor_mode: `tint` keeps light and shade, `hue` turns hues and keeps greys, `solid` is the plain colour.
+        recolor_mode: `tint` keeps light and shade, `hue` turns hues and keeps greys, `solid` is the plain colour,
+            `paint` changes only what is near the colour of an object's body.
         rename: New names as ID=NAME.
         turn: How the scene is stood upright, after the edits of the file.
         more: Other edits, done after those of the file and before renaming, recolouring and deleting.
@@ -92,7 +94,7 @@ def _collect_edits(
     scene: Scene,
     delete: tuple[int, ...],
     recolor: tuple[str, ...],
-    mode: RecolorMode,
+    mode: RecolorMode | Literal["paint"],
     rename: tuple[str, ...],
     more: EditOptions,
     time: float,
@@ -104,7 +106,9 @@ def _collect_edits(
         steps.append(RenameInstance(instance_id, name))
     for text in recolor:
         instance_id, color = parse_assignment(text, "--recolor 4=#d02020")
-        steps.append(RecolorInstances(check_known_ids([instance_id], scene.table), mode, parse_color(color)))
+        ids = check_known_ids([instance_id], scene.table)
+        rgb = parse_color(color)
+        steps.append(PaintInstances(ids, rgb) if mode == "paint" else RecolorInstances(ids, mode, rgb))
     if delete:
         steps.append(DeleteInstances(check_known_ids(delete, scene.table)))
     return steps

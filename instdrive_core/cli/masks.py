@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from tyro.conf import Positional, arg
@@ -12,6 +12,7 @@ from tyro.extras import literal_type_from_choices
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import OptionError
+from instdrive_core.masks.faults.registry import FaultModel
 from instdrive_core.masks.sam.options import SamOptions
 from instdrive_core.masks.sources import MASK_SOURCES, SourceOptions, describe_mask_sources
 
@@ -29,7 +30,7 @@ def create_masks(
     out: Annotated[Path | None, arg(aliases=["-o"])] = None,
     seed: int = 0,
     options: Annotated[ClipOptions, tyro.conf.OmitArgPrefixes] = ClipOptions(),  # noqa: B008 (frozen)
-    faults: Literal["sam-v1"] | None = None,
+    faults: FaultModel | None = None,
     imported: Annotated[Path | None, arg(name="from")] = None,
     sheet: Path | None = None,
     sam: SamOptions = SamOptions(),  # noqa: B008 (frozen)
@@ -44,8 +45,8 @@ def create_masks(
         out: Folder of the masks; default: the clip's own `masks/`, where training looks for them.
         seed: Seed of the labels' order in each photo and of the faults.
         options: Which part of the clip to use, and the masks' size.
-        faults: Get masks wrong on purpose, as a segmenter would: `sam-v1` splits 25 % of the objects, merges 10 % of
-            touching pairs, misses 10 % of the objects and makes borders ragged by up to 2 px.
+        faults: Get masks wrong on purpose, as a segmenter would: `sam-v1` in each photo by itself; `sam-v2` (also
+            `-mild`, `-strong`) with faults that repeat over photos, in two overlapping layers, on synthetic clips.
         imported: Folder to import, a file per photo: CAMERA/NN as .png (label map), .npz (boolean masks) or .json (COCO
             run lengths).
         sheet: Picture to write for each camera: masks over some of its photos. A .jpg or .png file, or a folder.

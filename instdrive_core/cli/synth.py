@@ -7,6 +7,8 @@ from typing import Annotated
 
 import tyro
 
+from instdrive_core.datasets.synthetic.config import RecordingFlaws
+
 
 def record_synthetic_drive(
     out: Annotated[Path, tyro.conf.Positional],
@@ -14,21 +16,23 @@ def record_synthetic_drive(
     steps: int = 20,
     width: int = 480,
     height: int = 270,
+    flaws: Annotated[RecordingFlaws, tyro.conf.OmitArgPrefixes] = RecordingFlaws(),  # noqa: B008 (frozen)
 ) -> None:
     """Write a synthetic driving clip in PandaSet's layout, with exact instance labels.
 
     Args:
         out: New or empty folder for the clip.
         seed: Chooses the street, its traffic and the light; the same seed gives the same files.
-        steps: Time steps at 10 Hz, 1 to 100.
+        steps: Time steps at 10 Hz, 1 to 400.
         width: Width of the photos in pixels; PandaSet's are 1920×1080.
         height: Height of the photos in pixels.
+        flaws: What real recordings have; the truth is kept in the clip's folder 'labels'.
     """
     from rich.progress import Progress
 
     from instdrive_core.datasets.synthetic import StreetConfig, write_street
 
-    config = StreetConfig(seed=seed, steps=steps, width=width, height=height)
+    config = StreetConfig(seed=seed, steps=steps, width=width, height=height, flaws=flaws)
     with Progress(transient=True) as bar:
         task = bar.add_task(f"Recording {out}", total=steps)
         write_street(out, config, lambda done, _: bar.update(task, completed=done))

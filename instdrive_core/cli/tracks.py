@@ -31,6 +31,7 @@ def tracks(
     """
     from rich.progress import Progress
 
+    from instdrive_core.datasets.checks.drive import describe_faults
     from instdrive_core.datasets.registry import load_clip
     from instdrive_core.tracks.finder import find_tracks
     from instdrive_core.tracks.track_file import FILE, write_track_file
@@ -42,7 +43,7 @@ def tracks(
     with Progress(transient=True) as bar:
         task = bar.add_task("reading", total=None)
         found = find_tracks(loaded, held_out, lambda stage: bar.update(task, description=stage))
-    for note in found.notes:
+    for note in (*describe_faults(loaded), *found.notes):
         print(note)
     _print_table(found.tracks)
     file = out if out is not None else clip / FILE

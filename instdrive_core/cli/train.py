@@ -10,6 +10,7 @@ import tyro
 from tyro.conf import Positional, arg
 
 from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.training.settings.clip_size import AskedSizes
 from instdrive_core.training.settings.config import Device, Method, Preset, build_train_config, keep_geometry
 
 
@@ -26,6 +27,8 @@ def train(
     static: bool = False,
     tracks: Literal["none", "annotated", "found"] | None = None,
     device: Device = "auto",
+    iterations: int | None = None,
+    max_gaussians: int | None = None,
     options: Annotated[ClipOptions, tyro.conf.OmitArgPrefixes] = ClipOptions(),  # noqa: B008 (frozen)
 ) -> None:
     """Train a driving clip into Gaussians with instance IDs.
@@ -45,6 +48,9 @@ def train(
         tracks: Where moving objects are taken from: `annotated` (cuboids), `found` (in the LiDAR sweeps, no labels)
             or `none`; default: annotated where the clip has cuboids, else found where it has LiDAR.
         device: `cuda` trains on an NVIDIA GPU with gsplat; `auto` does where both are there.
+        iterations: Steps that train colour and shape; default: the preset's, `quick` as many more as a clip has more
+            photos than 162.
+        max_gaussians: Gaussians that may grow; default: the preset's, `quick` more for a longer way and larger photos.
         options: Which part of the clip to use.
     """
     from instdrive_core.baselines.registry import find_learner
@@ -57,6 +63,18 @@ def train(
     if freeze_geometry:
         config = keep_geometry(config)
     train_with_progress(
-        RunRequest(clip, out, options, config, masks, resume, init, device, find_learner(method, preset), tracks)
+        RunRequest(
+            clip,
+            out,
+            options,
+            config,
+            masks,
+            resume,
+            init,
+            device,
+            find_learner(method, preset),
+            AskedSizes(iterations, max_gaussians),
+            tracks,
+        )
     )
     print(f"trained scene: {out} (open it with: instdrive edit {out})")

@@ -95,6 +95,8 @@ class Clip:
     camera_names: tuple[str, ...]
     points: SparsePoints | None = None
     """Points that training starts from where there is no LiDAR, maybe none at all; None = LiDAR is needed."""
+    exact_tracks: tuple[Track, ...] = ()
+    """True tracks of a synthetic clip whose cuboids have errors; for evaluation only."""
     notes: tuple[str, ...] = ()
     """Facts that a user should know before training, e.g. that the clip's scale is unknown."""
 
@@ -107,6 +109,11 @@ class Clip:
     def held_out_frames(self) -> tuple[Frame, ...]:
         """Frames of the evaluation split."""
         return tuple(frame for frame in self.frames if frame.view.held_out)
+
+    @property
+    def true_tracks(self) -> tuple[Track, ...]:
+        """Tracks that results are measured against: the exact ones where the clip has them, else its tracks."""
+        return self.exact_tracks or self.tracks
 
     @property
     def training_sweeps(self) -> tuple[Sweep, ...]:

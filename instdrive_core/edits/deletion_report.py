@@ -63,12 +63,17 @@ class DeletionReport:
         return 0.0 if self.hole is None else self.hole.area
 
     @property
+    def fill_area(self) -> float:
+        """Square metres that filling the hole replaces: the hole and the shadow of what was deleted."""
+        return 0.0 if self.hole is None or not self.hole_area else self.hole.area + self.hole.shadow_area
+
+    @property
     def summary(self) -> str:
-        """``34 splats of residue, hole of 3.1 m²``, and the shadow where there is one."""
+        """``34 splats of residue, hole of 3.1 m²``, and how much of that was in the shadow."""
         residue = f"{format_count(len(self.residue), 'splat')} of residue" if len(self.residue) else "no residue"
-        hole = f"hole of {self.hole_area:.1f} m²" if self.hole_area else "no hole"
-        if self.hole is not None and self.hole.shadow_area:
-            hole += f", shadow of {self.hole.shadow_area:.1f} m²"
+        hole = f"hole of {self.fill_area:.1f} m²" if self.hole_area else "no hole"
+        if self.hole is not None and self.hole.shadow_area and self.hole_area:
+            hole += f", {self.hole.shadow_area:.1f} m² of it in the shadow"
         return f"{residue}, {hole}"
 
     def make_absorb_edit(self) -> Edit | None:

@@ -17,6 +17,7 @@ from instdrive_core.edits.kinds.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.kinds.insert import InsertScene
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.kinds.paint import PaintInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
 from instdrive_core.edits.kinds.rename import RenameInstance
@@ -82,6 +83,7 @@ EDIT_KINDS: dict[str, EditKind] = {
         EditKind(LockInstances, "ICON_FA_LOCK"),
         EditKind(MergeInstances, "ICON_FA_OBJECT_GROUP"),
         EditKind(MoveInstances, "ICON_FA_ARROWS_UP_DOWN_LEFT_RIGHT"),
+        EditKind(PaintInstances, "ICON_FA_SPRAY_CAN"),
         EditKind(ReassignSelected, "ICON_FA_RIGHT_LEFT"),
         EditKind(RecolorInstances, "ICON_FA_PAINTBRUSH"),
         EditKind(RenameInstance, "ICON_FA_PEN"),

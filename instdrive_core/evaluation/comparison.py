@@ -73,7 +73,8 @@ COMPARED = (
 )
 _FACTS = ("seed",)
 """Numbers that measure nothing."""
-_REFERENCE = "oracle_"
+_REFERENCE, _REFERENCE_ONCE = "reference_", "oracle_"
+"""Start of the reference's keys, and what it was up to version 0.1."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,17 @@ def _read_figures(path: Path) -> dict[str, Any]:
     missing = [key for key in _NEEDED if not isinstance(figures, dict) or key not in figures]
     if missing:
         raise DataError(path, f"field {missing[0]!r} is missing, so these are no figures of an evaluation", remedy)
-    return figures
+    return _rename_keys(figures)
+
+
+def _rename_keys(figures: dict[str, Any]) -> dict[str, Any]:
+    """Rename the keys of files that earlier versions wrote."""
+    return {
+        _REFERENCE + key.removeprefix(_REFERENCE_ONCE) if key.startswith(_REFERENCE_ONCE) else key: (
+            _rename_keys(value) if isinstance(value, dict) else value
+        )
+        for key, value in figures.items()
+    }
 
 
 def _choose_names(paths: Sequence[Path]) -> list[str]:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
-from jaxtyping import Bool, Float32, Int64, UInt32
+from jaxtyping import Bool, Float32, UInt32
 from numpy import ndarray
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip
+from instdrive_core.maths.cells import connect_cells
 from instdrive_core.scene.box_search import find_box_of_points
 from instdrive_core.scene.scene import Scene
 
@@ -37,7 +34,7 @@ def assign_component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | No
     centers = ((cells + 0.5) * VOXEL).astype(np.float32)
     ground = _is_ground(centers)
     components = np.ones(len(cells), np.uint32)
-    components[~ground] = _connect_cells(cells[~ground]) + 2
+    components[~ground] = connect_cells(cells[~ground]) + 2
     ids = scene.nodes.astype(np.uint32) + components.max()
     background = scene.nodes == 0
     if background.any():
@@ -65,28 +62,3 @@ def _is_ground(points: Float32[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
     np.minimum.at(lowest, tuple(columns.T), points[:, 2])
     lowest = ndimage.minimum_filter(lowest, 3, mode="constant", cval=np.inf)
     return points[:, 2] - lowest[tuple(columns.T)] < GROUND_HEIGHT
-
-
-def _connect_cells(cells: Int64[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
-    """Component, from 0 on, of each of n distinct cells; cells that share a corner are connected."""
-    if not len(cells):
-        return np.zeros(0, np.int64)
-    cells = cells - cells.min(axis=0) + 1
-    _, size_y, size_z = cells.max(axis=0) + 2
-    keys = (cells[:, 0] * size_y + cells[:, 1]) * size_z + cells[:, 2]
-    order = np.argsort(keys)
-    keys = keys[order]
-    starts, ends = [], []
-    offsets = [offset for offset in itertools.product((-1, 0, 1), repeat=3) if offset > (0, 0, 0)]
-    for dx, dy, dz in offsets:
-        wanted = keys + (dx * size_y + dy) * size_z + dz
-        place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-        found = keys[place] == wanted
-        starts.append(np.flatnonzero(found))
-        ends.append(place[found])
-    start, end = np.concatenate(starts), np.concatenate(ends)
-    graph = coo_array((np.ones(len(start), bool), (start, end)), shape=(len(keys), len(keys)))
-    _, component = connected_components(graph, directed=False)
-    components = np.empty(len(cells), np.int64)
-    components[order] = component
-    return components

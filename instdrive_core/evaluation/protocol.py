@@ -32,6 +32,7 @@ from instdrive_core.evaluation.metrics.sharing import find_shared_ids
 from instdrive_core.evaluation.run_facts import build_clip_options, read_run_facts
 from instdrive_core.evaluation.true_ids import find_true_ids
 from instdrive_core.formats.folder.scenes import read_scene_folder
+from instdrive_core.masks.annotated.truth import AnnotatedTruth
 from instdrive_core.masks.ground_truth import (
     NOT_KNOWN,
     GroundTruth,
@@ -40,16 +41,17 @@ from instdrive_core.masks.ground_truth import (
 )
 from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.scene import Scene
+from instdrive_core.tracks.choice import default_source
 
-MAX_REFERENCE_VIEWS = 120
+MAX_REFERENCE_VIEWS = 60
 """The reference's votes come from at most this many training views, evenly spread."""
 
 REFERENCE_KEYS = {
-    "scene": ("miou", "pq"),
+    "scene": ("miou", "pq", "miou_things", "miou_stuff"),
     "lidar": tuple(key for key in LIDAR_KEYS if "code" not in key),
     "click": CLICK_KEYS,
 }
-"""Figures that are also given of true IDs on the same Gaussians, as `oracle_*`."""
+"""Figures that are also given of true IDs on the same Gaussians, as `reference_*`."""
 FACT_KEYS = ("train_seconds", "peak_rss_mb", "iterations", "seed", "clip", "cameras", "masks", "backend")
 
 
@@ -75,6 +77,12 @@ class Evaluation:
     """Whether the clip says what is which instance; without it nothing but images is measured."""
     objects: tuple[ObjectRow, ...]
     """Every object that the held-out views show; empty where the scene has no instances."""
+
+    @property
+    def labels_free(self) -> bool:
+        """Whether a run on a recorded clip took neither masks nor tracks from what people annotated."""
+        figures = self.figures
+        return figures["ground_truth"] == "annotations" != figures["masks"] and figures["tracks"] != "annotated"
 
     @property
     def shared_instances(self) -> dict[int, tuple[int, ...]]:
@@ -112,7 +120,9 @@ def evaluate_scene(
 ) -> Evaluation:
     """Measure a scene on a clip's held-out views and sweeps; `facts` as in `read_run_facts`.
 
-    Without `with_reference` the bounds that true IDs set are None: they cost half of the time, and depend on the
+    Boxes and labels are the clip's own, whatever tracks and masks trained the run.
+
+    Without `with_reference` what true IDs reach is None: they cost half of the time, and depend on the
     geometry alone.
     """
     views = _measure_held_out_views(scene, clip, ground_truth, progress)
@@ -123,16 +133,17 @@ def evaluate_scene(
         learned = _measure_ids(measure, scene.instance_ids, get_codes(scene), "deletions", progress)
         objects = measure.list_objects(scene.instance_ids, get_codes(scene))
     reference = build_empty_scores()
-    if with_reference and ground_truth.source == "exact":
-        true_ids = _find_reference_ids(scene, clip, ground_truth, progress)
+    true_ids = _find_reference_ids(scene, clip, ground_truth, progress) if with_reference else None
+    if true_ids is not None:
         reference = _measure_ids(measure, true_ids, None, "deletions, true IDs", progress)
-    bounds = {part: {f"oracle_{key}": reference[part][key] for key in keys} for part, keys in REFERENCE_KEYS.items()}
+    bounds = {part: {f"reference_{key}": reference[part][key] for key in keys} for part, keys in REFERENCE_KEYS.items()}
     figures = {
         **_score_images(views),
         "codeword": _score_codewords(views),
         "per_view": learned["per_view"],
         **{part: learned[part] | bounds[part] for part in ("scene", "lidar", "click")},
         "ground_truth": ground_truth.source,
+        "tracks": facts.get("tracks") or default_source(clip),
         "n_gaussians": len(scene),
         "n_instances": len(scene.table),
         **{key: facts[key] for key in FACT_KEYS},
@@ -194,11 +205,22 @@ def _score_codewords(views: Sequence[HeldOutView]) -> dict[str, dict[str, float 
     }
 
 
-def _find_reference_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:
+def _find_reference_ids(
+    scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress
+) -> UInt32[ndarray, " n"] | None:
+    """True IDs of the scene's Gaussians: from exact labels, else from annotated boxes over time and the classes and
+    regions of LiDAR points, as photos show them; None where there are neither."""
+    if isinstance(ground_truth, AnnotatedTruth):
+        load_ids = ground_truth.draw
+    elif ground_truth.source == "exact":
+        load_ids = ground_truth.load
+    else:
+        return None
     frames = clip.training_frames
-    spread = frames[:: -(-len(frames) // MAX_REFERENCE_VIEWS)] if frames else frames
+    # Not every k-th: the frames of a step follow one another by camera, and some cameras would be passed over.
+    chosen = np.linspace(0, len(frames) - 1, min(len(frames), MAX_REFERENCE_VIEWS)).round().astype(int)
     return find_true_ids(
-        scene, spread, ground_truth, SEED, progress=lambda done, total: progress("reference", done, total)
+        scene, [frames[number] for number in chosen], load_ids, lambda done, total: progress("reference", done, total)
     )
 
 

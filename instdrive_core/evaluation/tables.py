@@ -13,8 +13,18 @@ from rich.table import Table
 from instdrive_core.evaluation.protocol import Evaluation
 from instdrive_core.files.atomic import write_bytes
 
-MAP_COLUMNS = ("view mIoU", "view mAcc", "scene mIoU", "scene mAcc", "PQ", "Acc @.25", "Acc @.5", "ID sw.")
-"""Columns of `list_map_rows`."""
+MAP_COLUMNS = {
+    "things mIoU": "scene.miou_things",
+    "scene mIoU": "scene.miou",
+    "scene mAcc": "scene.macc",
+    "PQ": "scene.pq",
+    "Acc @.25": "scene.acc25",
+    "Acc @.5": "scene.acc50",
+    "ID sw.": "scene.id_switches",
+    "view mIoU": "per_view.miou",
+}
+"""Columns of `list_map_rows`, with the protocol's keys. Things lead: what stuff is one object is a matter of opinion on
+recorded clips."""
 POINT_COLUMNS = {
     "AP": "ap",
     "AP50": "ap50",
@@ -45,7 +55,8 @@ def list_map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]
     rows are trivial controls.
     """
     figures = evaluation.figures
-    reference = {"miou": figures["scene"]["oracle_miou"], "pq": figures["scene"]["oracle_pq"]}
+    scene = figures["scene"]
+    reference = {key: scene.get(f"reference_{key}") for key in ("miou", "pq", "miou_things")}
     maps = {
         "reference": {"per_view": {}, "scene": reference},
         "instance": figures,
@@ -54,9 +65,8 @@ def list_map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]
     }
     rows = {}
     for name, scores in maps.items():
-        per_view, scene = scores["per_view"], scores["scene"]
-        rows[name] = [per_view.get("miou"), per_view.get("macc")]
-        rows[name] += [scene.get(key) for key in ("miou", "macc", "pq", "acc25", "acc50", "id_switches")]
+        paths = (path.split(".") for path in MAP_COLUMNS.values())
+        rows[name] = [scores[part].get(key) for part, key in paths]
     return rows
 
 
@@ -79,7 +89,7 @@ def list_point_rows(evaluation: Evaluation) -> dict[str, list[float | int | None
     """
     lidar = evaluation.figures["lidar"]
     scores = {
-        "reference": {key: lidar.get(f"oracle_{key}") for key in POINT_COLUMNS.values()},
+        "reference": {key: lidar.get(f"reference_{key}") for key in POINT_COLUMNS.values()},
         "instance": lidar,
         **{name: control.get("lidar", {}) for name, control in evaluation.controls.items()},
     }
@@ -143,9 +153,10 @@ def describe_split(evaluation: Evaluation) -> str:
     figures = evaluation.figures
     steps = ", ".join(map(str, evaluation.held_out_steps))
     masks = f"{figures['masks']} (privileged)" if evaluation.privileged else figures["masks"]
+    tracks = f"{figures['tracks']} (no labels)" if evaluation.labels_free else figures["tracks"]
     return (
         f"held-out time steps {steps}, cameras {figures['cameras']}, "
-        f"masks {masks or 'none'}, seed {figures['seed']}, {figures['iterations']:,} iterations"
+        f"masks {masks or 'none'}, tracks {tracks}, seed {figures['seed']}, {figures['iterations']:,} iterations"
     )
 
 
@@ -158,6 +169,6 @@ def format_figure(value: float | int | None, digits: int = 3) -> str:
 
 def _format_with_reference(scores: Mapping[str, float | None], key: str, digits: int = 3) -> str:
     """Write a figure, and what true IDs reach on the same Gaussians where that is known."""
-    reference = scores.get(f"oracle_{key}")
+    reference = scores.get(f"reference_{key}")
     text = format_figure(scores[key], digits)
     return text if reference is None else f"{text} (reference {format_figure(reference, digits)})"

@@ -32,8 +32,9 @@ def save_and_verify(path: str | Path, scene: Scene, *, sibr: bool = False) -> No
     around = copy_context()
 
     def check(temporary: Path, target: Path) -> None:
-        # A folder's arrays wait for the file that names them.
-        if fmt.folder is None or target.name == fmt.folder.last_file:
+        # A folder's arrays wait for the file that names them, and what stands beside a file is no scene.
+        last = path.resolve().name if fmt.folder is None else fmt.folder.last_file
+        if target.name == last:
             around.run(_check, temporary, path, scene, fmt)
 
     with report_span(0.0, WRITING), check_before_replacing(check):

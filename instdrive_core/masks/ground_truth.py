@@ -12,7 +12,8 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
-from instdrive_core.masks.annotated.labels import AnnotationLabels, has_annotations
+from instdrive_core.masks.annotated.labels import has_annotations
+from instdrive_core.masks.annotated.truth import AnnotatedTruth
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 
@@ -84,7 +85,7 @@ class GroundTruthKind:
 
 GROUND_TRUTHS = (
     GroundTruthKind("exact", lambda clip: has_exact_labels(clip.path), lambda clip: ExactLabels(clip.path)),
-    GroundTruthKind("annotations", has_annotations, lambda clip: AnnotationLabels(clip, held_out=True)),
+    GroundTruthKind("annotations", has_annotations, AnnotatedTruth),
     GroundTruthKind(NOT_KNOWN, lambda clip: True, lambda clip: UnknownLabels()),
 )
 """The most exact first; the last fits every clip. Annotations use all sweeps, those of held-out time steps too."""

@@ -5,6 +5,7 @@ Layout of a mask folder::
     masks.json                     version, source, faults, seed, and per frame its size and number of masks
     <camera>/NN.png                16-bit labels, 0 = none
     <camera>/NN_sky.png            8-bit, 255 = sky
+    <camera>/NN_layer1.png         16-bit labels of a second layer, where masks overlap; then layer2 and so on
 
 Labels mean nothing across frames: they are shuffled in each frame by its own random numbers, so that nothing can be
 learned from them but which pixels belong together.
@@ -34,6 +35,7 @@ from instdrive_core.maths.streams import Stream, make_generator
 
 SIDECAR = "masks.json"
 VERSION = 1
+MAX_LAYERS = 8
 _REMEDY = "Write the masks again with `instdrive masks`"
 
 
@@ -44,12 +46,17 @@ class FrameMasks:
     labels: UInt16[ndarray, "h w"]
     """Instance of this frame only; 0 = none."""
     sky: Bool[ndarray, "h w"]
+    overlaps: tuple[UInt16[ndarray, "h w"], ...] = ()
+    """Further label maps where masks overlap, each numbered by itself; `labels` has the smallest mask on top."""
 
     def resize(self, width: int, height: int) -> FrameMasks:
         """Take the nearest label for each pixel of another raster."""
         if self.labels.shape == (height, width):
             return self
-        return FrameMasks(resample_nearest(self.labels, width, height), resample_nearest(self.sky, width, height))
+        labels, sky, *overlaps = (
+            resample_nearest(raster, width, height) for raster in (self.labels, self.sky, *self.overlaps)
+        )
+        return FrameMasks(labels, sky, tuple(overlaps))
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,9 @@ class MaskFolder:
     counts: dict[str, int]
     """Number of masks by frame key; its keys are the frames that have masks."""
     faults: str | None = None
-    """Name of the faults that were put into them (`faults.FAULT_MODELS`)."""
+    """Name of the faults that were put into them (`faults.registry.FAULT_SETS`)."""
+    layers: int = 1
+    """Label maps of each frame."""
 
     def load(self, frame: Frame | str) -> FrameMasks:
         """Masks of a frame, resized to it; given a key (``camera/NN``), as they are on disk.
@@ -73,14 +82,10 @@ class MaskFolder:
         key = frame if isinstance(frame, str) else frame.key
         if key not in self.counts:
             raise DataError(self.path / SIDECAR, f"the frame '{key}' has no masks", _REMEDY + " for all of its frames")
-        label_file, sky_file = locate_label_map(self.path, key), locate_sky_mask(self.path, key)
-        labels, sky = read_label_map(label_file), read_sky_mask(sky_file)
-        if labels.shape != sky.shape:
-            problem = f"is {sky.shape[1]}×{sky.shape[0]}, the label map {labels.shape[1]}×{labels.shape[0]}"
-            raise DataError(sky_file, problem, _REMEDY)
-        if labels.max(initial=0) > np.iinfo(np.uint16).max:
-            raise DataError(label_file, f"holds the label {labels.max()}, expected 16 bits", _REMEDY)
-        masks = FrameMasks(labels.astype(np.uint16), sky)
+        sky_file = locate_sky_mask(self.path, key)
+        sky = read_sky_mask(sky_file)
+        maps = [_read_layer(locate_label_map(self.path, key, layer), sky_file, sky) for layer in range(self.layers)]
+        masks = FrameMasks(maps[0], sky, tuple(maps[1:]))
         if isinstance(frame, str):
             return masks
         return masks.resize(frame.view.camera.width, frame.view.camera.height)
@@ -113,19 +118,25 @@ def write_masks(
         (folder / SIDECAR).unlink(missing_ok=True)
         journal.begin()
         for key, masks in frames:
-            _write_png(locate_label_map(folder, key), masks.labels)
+            for layer, labels in enumerate((masks.labels, *masks.overlaps)):
+                _write_png(locate_label_map(folder, key, layer), labels)
             _write_png(locate_sky_mask(folder, key), masks.sky.astype(np.uint8) * 255)
             height, width = masks.labels.shape
             count = len(np.unique(masks.labels[masks.labels > 0]))
-            journal.add(key, {"width": width, "height": height, "masks": count})
+            layers = 1 + len(masks.overlaps)
+            journal.add(
+                key, {"width": width, "height": height, "masks": count} | ({"layers": layers} if layers > 1 else {})
+            )
         entries = journal.entries
+        layers = max((entry.get("layers", 1) for entry in entries.values()), default=1)
         sidecar = {"version": VERSION, "source": source, "faults": faults, "seed": seed, "frames": entries}
+        sidecar |= {"layers": layers} if layers > 1 else {}
         write_bytes(folder / SIDECAR, json.dumps(sidecar, indent=1).encode())
         journal.close()
     except OSError as error:
         remedy = "Choose a folder that can be written, e.g. with --out"
         raise DataError(folder, f"cannot be written ({error.strerror or error})", remedy) from error
-    return MaskFolder(folder, source, seed, {key: entry["masks"] for key, entry in entries.items()}, faults)
+    return MaskFolder(folder, source, seed, {key: entry["masks"] for key, entry in entries.items()}, faults, layers)
 
 
 def open_masks(folder: str | Path) -> MaskFolder:
@@ -151,7 +162,10 @@ def open_masks(folder: str | Path) -> MaskFolder:
     faults = sidecar.get("faults")  # older sidecars do not have it
     if faults is not None and not isinstance(faults, str):
         raise DataError(file, f"the field 'faults' is {faults!r}, expected a name", _REMEDY)
-    return MaskFolder(folder, str(require_field(file, sidecar, "source")), seed, counts, faults)
+    layers = int(require_number(file, sidecar.get("layers", 1), "layers"))
+    if not 1 <= layers <= MAX_LAYERS:
+        raise DataError(file, f"the field 'layers' is {layers}, expected 1 to {MAX_LAYERS}", _REMEDY)
+    return MaskFolder(folder, str(require_field(file, sidecar, "source")), seed, counts, faults, layers)
 
 
 def shuffle_labels(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[ndarray, "h w"]:
@@ -179,9 +193,9 @@ def resample_nearest(raster: ndarray, width: int, height: int) -> ndarray:
     return raster[rows[:, None], columns[None, :]]
 
 
-def locate_label_map(folder: Path, key: str) -> Path:
-    """File of a frame's label map."""
-    return folder / f"{key}.png"
+def locate_label_map(folder: Path, key: str, layer: int = 0) -> Path:
+    """File of a frame's label map, or of a further layer of it."""
+    return folder / (f"{key}_layer{layer}.png" if layer else f"{key}.png")
 
 
 def locate_sky_mask(folder: Path, key: str) -> Path:
@@ -203,6 +217,16 @@ def read_sky_mask(file: Path) -> Bool[ndarray, "h w"]:
     if mode not in ("L", "1"):
         raise DataError(file, f"has the image mode {mode}, expected 8-bit grey", _REMEDY)
     return raster > 0
+
+
+def _read_layer(file: Path, sky_file: Path, sky: Bool[ndarray, "h w"]) -> UInt16[ndarray, "h w"]:
+    labels = read_label_map(file)
+    if labels.shape != sky.shape:
+        problem = f"is {sky.shape[1]}×{sky.shape[0]}, the label map {labels.shape[1]}×{labels.shape[0]}"
+        raise DataError(sky_file, problem, _REMEDY)
+    if labels.max(initial=0) > np.iinfo(np.uint16).max:
+        raise DataError(file, f"holds the label {labels.max()}, expected 16 bits", _REMEDY)
+    return labels.astype(np.uint16)
 
 
 def _read_png(file: Path) -> tuple[ndarray, str]:

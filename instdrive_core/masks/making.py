@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_core.datasets.clip import Clip, Frame
+from instdrive_core.errors import OptionError
 from instdrive_core.masks.annotated.labels import has_annotations
-from instdrive_core.masks.faults import FAULT_MODELS, FaultModel, add_faults
+from instdrive_core.masks.faults.registry import FaultModel, FaultySource, find_fault_set
 from instdrive_core.masks.journal import MaskJournal
 from instdrive_core.masks.label_map_folder import (
     SIDECAR,
@@ -55,11 +56,12 @@ def make_masks(
     journal.keep(lambda key, entry: sizes.get(key) == (entry["width"], entry["height"]) and _has_files(folder, key))
     left = [frame for frame in frames if frame.key not in journal.entries]
     labels = open_mask_source(clip, source, options)
+    damaged = _open_faults(clip, source, labels, seed, faults)
 
     def masks() -> Iterator[tuple[str, FrameMasks]]:
         for done, frame in enumerate(left, len(frames) - len(left)):
             on_frame(done)
-            yield frame.key, _make_frame_masks(labels, frame, seed, faults)
+            yield frame.key, damaged.load(frame) if damaged else _make_frame_masks(labels, frame, seed)
         on_frame(len(frames))
 
     return write_masks(folder, masks(), source, seed, faults, journal)
@@ -90,12 +92,19 @@ def ensure_masks(
     return make_masks(clip, "annotations", Path(run_dir) / "masks", on_frame=on_frame)
 
 
-def _make_frame_masks(labels: LabelSource, frame: Frame, seed: int, faults: FaultModel | None) -> FrameMasks:
-    found, sky = labels.load(frame), labels.load_sky(frame)
-    if faults is not None:
-        closed = sky if frame.valid is None else sky | ~frame.valid
-        found = add_faults(found, closed, FAULT_MODELS[faults], frame.key, seed)
-    return FrameMasks(shuffle_labels(found, frame.key, seed), sky)
+def _open_faults(
+    clip: Clip, source: str, labels: LabelSource, seed: int, faults: FaultModel | None
+) -> FaultySource | None:
+    if faults is None:
+        return None
+    known = find_fault_set(faults)
+    if known.needs_exact and source != "exact":
+        raise OptionError(f"The faults '{faults}' are put into a synthetic clip's own labels: give --source exact")
+    return known.open(clip, labels, seed)
+
+
+def _make_frame_masks(labels: LabelSource, frame: Frame, seed: int) -> FrameMasks:
+    return FrameMasks(shuffle_labels(labels.load(frame), frame.key, seed), labels.load_sky(frame))
 
 
 def _build_recipe(

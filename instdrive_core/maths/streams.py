@@ -74,10 +74,17 @@ class Stream(IntEnum):
     """Pixels that are clicked on; by view and object."""
     DELETIONS = 1302
     """Deletions that are measured where there are too many."""
-    ORACLE_PIXELS = 1303
-    """Labelled pixels that the oracle looks at; by frame."""
     RANDOM_IDS = 1304
     """IDs of the random control."""
+
+    POSE_NOISE = 1401
+    """Noise of a synthetic clip's written poses; by sensor and step."""
+    EXPOSURE_DRIFT = 1402
+    """Drift of a synthetic camera's exposure; by camera."""
+    CUBOID_ERRORS = 1403
+    """Errors of synthetic cuboids; by annotation and step."""
+    TWIN_CUBOIDS = 1404
+    """IDs and delays of second annotations."""
 
 
 def make_generator(seed: int, stream: Stream, *numbers: int) -> np.random.Generator:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from instdrive_core.files.atomic import write_bytes
 from instdrive_core.formats.objects.poses import write_poses
 from instdrive_core.formats.read_back import save_and_verify
 from instdrive_core.progress import CancelledError, report_span
+from instdrive_core.scene.camera import Camera
 
 BAKING = 0.25
 """Baking's share of the time that baking and saving take together."""
@@ -47,6 +48,7 @@ def export_scene(
     rows: Int[ndarray, " k"] | None = None,
     *,
     sibr: bool = False,
+    start: Camera | None = None,
 ) -> int:
     """Write the edited scene, or some of its splats (rising rows) without sky; returns how many splats.
 
@@ -56,11 +58,13 @@ def export_scene(
         time: seconds at which actors are placed; None keeps their tracks, which only a folder can.
         rows: None for all.
         sibr: as in `registry.save_scene`.
+        start: where the user looks from; a .ply keeps it, with the sky.
 
     Raises DataError; what was at `path` is then still there, and whole.
     """
     with report_span(0.0, BAKING):
         scene = bake_document(document, time, to_read=True) if rows is None else bake_part(document, rows, time)
+        scene = replace(scene, start=start)
     if rows is not None and not len(scene):
         raise OptionError(f"nothing of what is selected is there at {time:g} s; choose another time step")
     with report_span(BAKING, 1.0):

@@ -15,7 +15,7 @@ from instdrive_core.maths.rotations import (
     normalize_quaternions,
     quaternion_from_matrix,
 )
-from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.sky import Sky
@@ -50,6 +50,9 @@ class Scene:
     antialiased: bool = False
     """Whether it was trained so that a splat fades as the low-pass filter of pictures widens it (Mip-Splatting, Yu et
     al. 2024). Drawn otherwise, small splats come out too opaque."""
+
+    start: Camera | None = None
+    """Where the user looked from when it was exported; a .ply keeps it, with the sky."""
 
     def __post_init__(self) -> None:
         count = len(self.gaussians)

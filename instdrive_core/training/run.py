@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numba
 import torch
 
+from instdrive_core.datasets.checks.drive import describe_faults
 from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError, OptionError
@@ -18,6 +19,7 @@ from instdrive_core.files.atomic import write_bytes
 from instdrive_core.formats.folder.scenes import write_scene_folder
 from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.masks.making import ensure_masks
+from instdrive_core.masks.photo_fit import describe_misfit
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.choice import TrackSource, with_tracks
@@ -32,6 +34,7 @@ from instdrive_core.training.instances.scene_export import export_trained_scene
 from instdrive_core.training.instances.voted_instances import vote_instances
 from instdrive_core.training.memory_check import check_training_memory, measure_peak_memory
 from instdrive_core.training.run_log import RunLog
+from instdrive_core.training.settings.clip_size import AskedSizes, fit_to_clip, measure_way
 from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, TrainConfig
 from instdrive_core.training.settings.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.trainer import Trainer
@@ -59,6 +62,8 @@ class RunRequest:
     device: Device = "auto"
     learner: InstanceLearner | None = None
     """Learns instances in place of the trainer's instance stage (baselines)."""
+    sizes: AskedSizes | None = None
+    """Stretch `config` to the clip, but for what is asked for here; None = train `config` as it is."""
     tracks: TrackSource | None = None
     """Where moving objects are taken from; None = cuboids where the clip has some, else found in its sweeps."""
 
@@ -91,6 +96,9 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     clip = load_clip(str(request.clip), request.options)
     if not clip.training_frames:
         raise DataError(request.clip, "no photo of a training time step was found", "Check cameras and frame range.")
+    if request.sizes is not None:
+        request = replace(request, config=fit_to_clip(request.config, clip, request.sizes))
+        notes.add(_describe_sizes(request.config, clip))
     check_training_memory(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
     clip = with_tracks(clip, request.tracks, out, notes.add)
@@ -98,7 +106,7 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
         f"{len(clip.training_frames)} training photos, {len(clip.held_out_frames)} held out; "
         + (f"masks: {masks.source}" if masks else "no masks: training RGB only")
     )
-    for note in clip.notes:
+    for note in (*clip.notes, *_describe_faults(clip, masks)):
         notes.add(note)
     _note_what_is_missing(clip, request.config, notes.add)
     with open_view_store(clip, masks) as store:
@@ -142,6 +150,20 @@ def _export_exposures(trainer: Trainer) -> Exposures | None:
     if trainer.config.freeze_geometry or not trainer.config.geometry.exposure_lr:
         return None
     return export_exposures(trainer.model.shared["exposures"], trainer.store.facts)
+
+
+def _describe_sizes(config: TrainConfig, clip: Clip) -> str:
+    way = "" if clip.points is not None else f" along {measure_way(clip):.0f} m"
+    return (
+        f"{len(clip.training_frames)} training photos{way}: {config.geometry.iterations:,} iterations, "
+        f"up to {config.densify.max_gaussians:,} Gaussians"
+    )
+
+
+def _describe_faults(clip: Clip, masks: MaskFolder | None) -> list[str]:
+    """What does not belong together in a clip and its masks."""
+    misfit = None if masks is None else describe_misfit(clip, masks)
+    return [*describe_faults(clip), *([] if misfit is None else [misfit])]
 
 
 def _note_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:

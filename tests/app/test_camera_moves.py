@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from procedural_street import procedural_street
 
 from instdrive_app import camera
+from instdrive_app.framing import frame_scene
 from instdrive_app.state import Intrinsics, Viewpoint, make_default_viewpoint
 from instdrive_core.scene.camera import look_at
 
@@ -98,7 +99,7 @@ def test_a_dataset_camera_is_shown_whole_whatever_the_viewport():
 @pytest.mark.parametrize("turns", [0, 1, 3])
 def test_a_birds_eye_sees_most_of_the_scene_with_the_heading_up(turns):
     means = procedural_street(0.5).gaussians.means
-    before = camera.orbit(camera.frame_scene(means), 0.7 * turns, 0.0)
+    before = camera.orbit(frame_scene(means), 0.7 * turns, 0.0)
     above = camera.look_straight_down(before, means)
     pixels, depths = above.fit_camera(640, 360).project(means)
     assert (depths > 0).mean() > 0.97
@@ -114,8 +115,6 @@ def test_a_birds_eye_sees_most_of_the_scene_with_the_heading_up(turns):
 
 def test_an_overview_looks_at_the_scene_and_an_empty_scene_has_one_too():
     means = procedural_street(0.5).gaussians.means
-    _, depths = camera.frame_scene(means).fit_camera(640, 360).project(means)
+    _, depths = frame_scene(means).fit_camera(640, 360).project(means)
     assert (depths > 0).mean() > 0.95
-    np.testing.assert_array_equal(
-        camera.frame_scene(means[:0]).world_from_camera, make_default_viewpoint().world_from_camera
-    )
+    np.testing.assert_array_equal(frame_scene(means[:0]).world_from_camera, make_default_viewpoint().world_from_camera)

@@ -25,6 +25,14 @@ def test_word_starts_and_runs_come_first():
     assert find_best_matches("zzz", titles, str) == []
 
 
+def test_other_words_find_by_their_start_and_after_titles():
+    words = {"Export…": ("screenshot", "picture"), "Show the pictures": (), "Play": ("video",)}
+    assert find_best_matches("screens", words, str, words=words.get) == ["Export…"]
+    assert find_best_matches("picture", words, str, words=words.get)[0] == "Show the pictures"
+    assert "Export…" in find_best_matches("picture", words, str, words=words.get)
+    assert "Export…" not in find_best_matches("shot", words, str, words=words.get)
+
+
 def test_titles_come_before_groups_and_rows_of_letters_before_starts_of_words():
     menus = {"Absorb the shadow": "Deletion", "Delete": "Edit", "Rescue": "File", "Split by component": "Labels"}
     assert find_best_matches("delet", menus, str, menus.get)[:2] == ["Delete", "Absorb the shadow"]

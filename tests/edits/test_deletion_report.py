@@ -151,7 +151,7 @@ def test_the_shadow_of_what_is_deleted_goes_with_it_and_that_of_a_house_stays(st
     lit = report.hole.grid.compute_centers(report.hole.shadow)
     assert report.hole.shadow_area > 2
     assert (np.abs(lit - [0.7, 0.0]) < [0.9, 2.7]).all()
-    assert f"shadow of {report.hole.shadow_area:.1f} m²" in report.summary
+    assert f"{report.hole.shadow_area:.1f} m² of it in the shadow" in report.summary
     house = np.flatnonzero(ground & (x > 0.2) & (np.abs(y) < 9))
     scene.gaussians.sh_dc[house] = dc_from_color(np.full((len(house), 3), 0.13))
     assert report_deletion(Document(scene), (CAR,), 0.0).hole.shadow_area == 0

@@ -10,7 +10,7 @@ from report_page import FACTS, HOSTILE, ReadPage
 
 from instdrive_app.main import main
 from instdrive_core.evaluation import comparison, protocol
-from instdrive_core.evaluation.comparison import MeasuredRun, compare_runs, find_differences
+from instdrive_core.evaluation.comparison import MeasuredRun, compare_runs, find_differences, measure_runs
 from instdrive_core.evaluation.page import compare as html_compare
 from instdrive_core.evaluation.protocol import evaluate_scene
 from instdrive_core.formats.folder.scenes import write_scene_folder
@@ -64,8 +64,8 @@ def test_every_figure_that_is_known_is_compared(figures):
 
     rows = {figure.key: figure for figure, _ in compare_runs([MeasuredRun("a", figures, None)])}
     assert set(rows) == set(known(figures))
-    assert rows["scene.oracle_pq"].better == "higher"
-    assert rows["scene.oracle_pq"].title == "reference: PQ"
+    assert rows["scene.reference_pq"].better == "higher"
+    assert rows["scene.reference_pq"].title == "reference: PQ"
 
 
 def test_figures_without_a_row_of_their_own_are_shown_without_a_best():
@@ -98,6 +98,14 @@ def test_nothing_is_best_alone_or_where_all_are_equal():
 def test_values_that_are_no_numbers_are_unknown():
     run = MeasuredRun("a", {"psnr": "30", "ssim": True, "scene": [1]}, None)
     assert run.value("psnr") is run.value("ssim") is run.value("scene.miou") is None
+
+
+def test_files_of_earlier_versions_name_the_reference_otherwise(runs, figures):
+    file, renamed = runs / "good" / "eval.json", json.dumps(figures).replace('"reference_', '"oracle_')
+    file.write_text(renamed)
+    assert "oracle_" in renamed
+    [run] = measure_runs([file], False, NO_PROGRESS)
+    assert run.figures == figures
 
 
 def test_other_photos_are_pointed_out():

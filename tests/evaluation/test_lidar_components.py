@@ -63,7 +63,7 @@ def test_whole_evaluation_with_lidar(drive):
     lidar, components = evaluation.figures["lidar"], evaluation.controls["LiDAR components"]
     assert all(value is not None for value in lidar.values())
     assert lidar["ap50"] == 1
-    assert lidar["oracle_ap50"] >= 0.75, "the pole of the toy is thinner than its Gaussians"
+    assert lidar["reference_ap50"] >= 0.75, "the pole of the toy is thinner than its Gaussians"
     assert lidar["miou"] > 0.8
     assert lidar["vmeasure"] > 0.5 > evaluation.controls["random IDs"]["lidar"]["vmeasure"]
     assert lidar["instances_per_object"] == lidar["objects_per_instance"] == lidar["codes_per_object"] == 1

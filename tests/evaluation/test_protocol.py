@@ -1,19 +1,23 @@
 """The protocol on a toy drive whose right answers are known, from memory and from a run folder."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from evaluation_scene import DRIVING, PARKED, ROAD, ToyDrive
+from two_sided_street import two_sided_clip, two_sided_scene
 
 from instdrive_core.cli.eval import evaluate
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError
 from instdrive_core.evaluation import protocol
 from instdrive_core.evaluation.protocol import evaluate_run, evaluate_scene
+from instdrive_core.evaluation.tables import describe_split
 from instdrive_core.formats.folder.scenes import write_scene_folder
 from instdrive_core.instances.table import build_instance_table
+from instdrive_core.masks.ground_truth import find_ground_truth
 
 FACTS = {
     "clip": "toy",
@@ -34,19 +38,19 @@ NESTED_KEYS = {
     "codeword.scene.": ("miou", "macc"),
     "per_view.": ("miou", "macc", "miou_majority"),
     "scene.": ("miou", "macc", "pq", "acc25", "acc50", "id_switches", "miou_things", "miou_stuff"),
-    "scene.oracle_": ("miou", "pq"),
+    "scene.reference_": ("miou", "pq", "miou_things", "miou_stuff"),
     "lidar.": ("ap", "ap50", "ap25", "miou", "vmeasure", "instances_per_object", "objects_per_instance"),
     "click.": ("hit_rate", "iou", "collateral", "residue"),
 }
 """Keys that EVALUATION writes."""
 EXTRA_KEYS = {
     "lidar.": ("instances_to_cover", "codes_per_object", "objects_per_code"),
-    "lidar.oracle_": (*NESTED_KEYS["lidar."], "instances_to_cover"),
+    "lidar.reference_": (*NESTED_KEYS["lidar."], "instances_to_cover"),
     "click.": ("residue_kept",),
-    "click.oracle_": (*NESTED_KEYS["click."], "residue_kept"),
+    "click.reference_": (*NESTED_KEYS["click."], "residue_kept"),
 }
 KEYS = {prefix + key for nested in (NESTED_KEYS, EXTRA_KEYS) for prefix, keys in nested.items() for key in keys}
-KEYS |= {"seed", "clip", "cameras", "masks", "backend", "ground_truth"}
+KEYS |= {"seed", "clip", "cameras", "masks", "backend", "ground_truth", "tracks"}
 
 
 def flat(figures: dict, prefix: str = "") -> dict:
@@ -78,7 +82,7 @@ def test_perfect_ids_on_good_geometry(drive):
     assert figures["click.hit_rate"] > 0.85, "some pixels of the thin pole show the road"
     assert figures["scene.pq"] == pytest.approx(figures["scene.miou"])
     assert figures["scene.id_switches"] == 0
-    assert figures["scene.oracle_miou"] == pytest.approx(figures["scene.miou"], abs=0.05)
+    assert figures["scene.reference_miou"] == pytest.approx(figures["scene.miou"], abs=0.05)
     assert figures["codeword.scene.miou"] > 0.7
     assert figures["psnr"] > 15
     assert figures["psnr_actors"] > 12
@@ -95,7 +99,9 @@ def test_merged_objects_cost_what_they_should(drive):
     perfect = measured(drive)
     ids[ids == DRIVING] = PARKED
     merged = measured(drive)
-    assert merged["scene.oracle_miou"] == perfect["scene.oracle_miou"], "the oracle does not look at learned IDs"
+    assert merged["scene.reference_miou"] == perfect["scene.reference_miou"], (
+        "the reference does not look at learned IDs"
+    )
     assert merged["scene.miou"] < perfect["scene.miou"] - 0.2
     assert merged["click.hit_rate"] < 1
     assert merged["codeword.scene.miou"] == perfect["codeword.scene.miou"]
@@ -185,7 +191,54 @@ def test_objects_that_share_an_instance_or_a_code(drive):
 def test_bounds_can_be_left_out(drive):
     whole = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS)
     quick = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS, with_reference=False)
-    assert whole.figures["scene"]["oracle_miou"] is not None
-    assert quick.figures["scene"]["oracle_miou"] is quick.figures["lidar"]["oracle_ap"] is None
+    assert whole.figures["scene"]["reference_miou"] is not None
+    assert quick.figures["scene"]["reference_miou"] is quick.figures["lidar"]["reference_ap"] is None
     assert quick.figures["scene"]["miou"] == whole.figures["scene"]["miou"]
     assert quick.figures["click"]["hit_rate"] == whole.figures["click"]["hit_rate"]
+
+
+@pytest.mark.parametrize("tracks", ["none", "found", "annotated"])
+def test_whatever_tracks_trained_annotated_boxes_and_labels_measure(drive, tracks):
+    """The toy's driving box as background, without a track of its own, where it stands halfway."""
+    scene, (_, driving) = drive.scene, drive.clip.tracks
+    good, is_actor = measured(drive), scene.nodes == 1
+    if tracks == "none":
+        scene.gaussians.means[is_actor] += driving.interpolate_pose(1.0)[:3, 3].astype(np.float32)
+        scene = replace(scene, nodes=np.zeros_like(scene.nodes), actors=())
+    figures = measured(ToyDrive(scene, drive.clip, drive.truth), tracks=tracks, masks="lidar")
+    assert figures["tracks"] == tracks
+    assert figures["psnr_actors"] is not None, "annotated boxes are measured in"
+    assert figures["click.residue"] is not None, "as are their deletions"
+    if tracks == "none":
+        assert figures["scene.miou_things"] < good["scene.miou_things"] - 0.05
+
+
+def test_no_labels_means_neither_masks_nor_tracks_of_annotations(drive):
+    drive.truth.source = "annotations"
+    for masks, tracks, expected in (
+        ("lidar", "found", True),
+        ("sam", "none", True),
+        ("lidar", "annotated", False),
+        ("annotations", "found", False),
+        ("lidar", None, False),
+    ):
+        facts = FACTS | {"masks": masks, "tracks": tracks}
+        evaluation = evaluate_scene(drive.scene, drive.clip, drive.truth, facts, with_reference=False)
+        assert evaluation.labels_free is expected, (masks, tracks)
+        assert ("(no labels)" in describe_split(evaluation)) is expected
+
+
+def test_a_clip_with_annotations_has_a_reference_and_an_object_per_region():
+    """Two facades of one class, both sides of the road, and a car that no Gaussian's ID knows of."""
+    clip = two_sided_clip()
+    truth = find_ground_truth(clip)
+    stuff = ["Building 1", "Building 2", "Road 1"]
+    assert [one.name for one in truth.instances.values() if one.kind == "stuff"] == stuff
+    scene = two_sided_scene()
+    evaluation = evaluate_scene(scene, clip, truth, FACTS | {"masks": "lidar", "tracks": "none"})
+    figures = flat(evaluation.figures)
+    assert figures["scene.reference_miou"] > figures["scene.miou"] + 0.2, "its one ID for all is no good"
+    assert figures["scene.reference_miou"] > 0.8
+    assert figures["scene.reference_miou_things"] > 0.5
+    assert {row.name for row in evaluation.objects} >= set(stuff)
+    assert figures["lidar.reference_miou"] > figures["lidar.miou"] + 0.3, "points know their regions, too"

@@ -10,7 +10,7 @@ from painted_street import painted_clip
 from PIL import Image
 
 from instdrive_core.errors import DataError
-from instdrive_core.masks.annotated.labels import AnnotationLabels
+from instdrive_core.masks.annotated.truth import AnnotatedTruth
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth import open_ground_truth
 from instdrive_core.masks.label_map_folder import open_masks
@@ -58,7 +58,7 @@ def test_ground_truth_is_made_from_annotations_elsewhere(tmp_path):
     clip = painted_clip(str(tmp_path))
     assert not has_exact_labels(tmp_path)
     truth = open_ground_truth(clip)
-    assert isinstance(truth, AnnotationLabels)
+    assert isinstance(truth, AnnotatedTruth)
     assert truth.source == "annotations"
     with pytest.raises(DataError, match="has no exact labels"):
         ExactLabels(tmp_path)

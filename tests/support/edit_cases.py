@@ -67,6 +67,7 @@ EXAMPLES = {
     "lock_instances": {"ids": [TAXI]},
     "merge_instances": {"ids": [PAIR], "into": CAR},
     "move_instances": {"ids": [CAR, TAXI], "translation": [1.0, 0.0, 0.0], "scale": 1.5, "time": 0.1},
+    "paint_instances": {"ids": [CAR, BUS], "color": [0.9, 0.1, 0.1], "tolerance": 0.3, "reference": [0.5, 0.4, 0.3]},
     "reassign_selected": {"into": None},
     "recolor_instances": {"ids": [CAR, BUS], "mode": "hue", "color": [0.2, 0.1, 0.9]},
     "rename_instance": {"id": CAR, "name": "old timer"},

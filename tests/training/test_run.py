@@ -19,6 +19,7 @@ from instdrive_core.instances.codebook import quantize_features
 from instdrive_core.training.build_trainer import add_first_features
 from instdrive_core.training.gaussians import first_gaussians
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
+from instdrive_core.training.settings.clip_size import AskedSizes
 from instdrive_core.training.settings.config import InitConfig, TrainConfig, build_train_config, keep_geometry
 from instdrive_core.training.settings.events import CheckpointDue, DensifyDone
 
@@ -269,3 +270,13 @@ def test_moving_objects_of_a_clip_without_lidar_are_told(street, tmp_path):
     assert told.startswith(f"{len(moving)} of {len(moving)} ")
     assert "no LiDAR points" in told
     assert f"{moving[0].label} {moving[0].id}" in told
+
+
+def test_a_run_follows_its_clip_where_asked_and_tells_the_sizes(street, tmp_path):
+    notes = []
+    request = {"sizes": AskedSizes(iterations=8, max_gaussians=20_000)}
+    run = train(street, tmp_path / "run", notes, **request)
+    told = json.loads((run / "config.json").read_text())["train"]
+    assert (told["geometry"]["iterations"], told["densify"]["max_gaussians"]) == (8, 20_000)
+    assert json.loads((run / "run.json").read_text())["iterations"] == 8 + told["instances"]["iterations"]
+    assert any("4 training photos along 3 m: 8 iterations, up to 20,000 Gaussians" in note for note in notes)

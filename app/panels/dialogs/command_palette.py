@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
+from instdrive_app.actions.conditions import explain_disabled
 from instdrive_app.matching import find_best_matches
 from instdrive_app.panels.menus import format_action_title
-from instdrive_app.panels.widgets.theme import DIM, TEXT, pack_color
+from instdrive_app.panels.widgets.theme import DIM, ERROR, TEXT, pack_color, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels
 from instdrive_app.session.requests import ShowPalette
 
@@ -17,18 +18,25 @@ TITLE = "Command palette"
 POPUP = "##palette"
 """ID of the popup, which has no title bar."""
 ROWS = 11
+ELSEWHERE = {
+    "train": "Training runs in a terminal: instdrive train",
+    "training": "Training runs in a terminal: instdrive train",
+}
+"""Words for what the editor cannot do, and who can."""
 
 
 class CommandPalette:
     """Lists the actions that match what is typed; arrow keys or the mouse choose one, Enter runs it."""
 
     def __init__(self) -> None:
-        self._typed = ""
+        self._typed, self._reason = "", ""
         self._chosen = 0
+        self._types_on = False
+        """Whether the search field gets the keyboard back."""
 
     def open(self, ui: Ui, request: ShowPalette) -> None:
         """Open it, with nothing typed."""
-        self._typed, self._chosen = "", 0
+        self._typed, self._chosen, self._reason = "", 0, ""
         imgui.open_popup(POPUP)
 
     def draw(self, ui: Ui) -> None:
@@ -49,11 +57,24 @@ class CommandPalette:
         if clicked is not None and clicked.enabled():
             imgui.close_current_popup()
             ui.session.actions.run(clicked.id)
+        elif clicked is not None:
+            self._reason = f"{clicked.title.rstrip('…')}: {explain_disabled(ui.session, clicked)}"
+            self._types_on = True
+        self._draw_reason(ui)
         imgui.end_popup()
 
+    def _draw_reason(self, ui: Ui) -> None:
+        """Say why the command that was chosen last cannot run."""
+        if self._reason:
+            imgui.push_text_wrap_pos(0)
+            imgui.text_colored(rgba(ERROR), self._reason)
+            imgui.pop_text_wrap_pos()
+            ui.mark("palette.reason")
+
     def _draw_search(self, ui: Ui) -> bool:
-        if imgui.is_window_appearing():
+        if imgui.is_window_appearing() or self._types_on:
             imgui.set_keyboard_focus_here()
+            self._types_on = False
         imgui.set_next_item_width(-1)
         hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  What do you want to do?"
         before = self._typed
@@ -62,7 +83,7 @@ class CommandPalette:
         )
         ui.mark("palette.search")
         if self._typed != before:
-            self._chosen = 0
+            self._chosen, self._reason = 0, ""
         return entered
 
     def _move_cursor(self, count: int) -> None:
@@ -73,8 +94,9 @@ class CommandPalette:
     def _draw_list(self, ui: Ui, found: list[Action]) -> Action | None:
         clicked, line = None, imgui.get_text_line_height_with_spacing()
         if imgui.begin_child("##found", ImVec2(0, ROWS * line)):
-            if not found:
-                draw_dim_text("No command matches")
+            elsewhere = ELSEWHERE.get(self._typed.strip().lower(), "" if found else "No command matches")
+            if elsewhere:
+                draw_dim_text(elsewhere)
             for number, command in enumerate(found):
                 if self._draw_row(ui, command, number == self._chosen):
                     clicked = command
@@ -86,8 +108,6 @@ class CommandPalette:
     def _draw_row(self, ui: Ui, command: Action, chosen: bool) -> bool:
         at, em, width = imgui.get_cursor_screen_pos(), imgui.get_font_size(), imgui.get_content_region_avail().x
         flags = imgui.SelectableFlags_.no_auto_close_popups
-        if not command.enabled():
-            flags |= imgui.SelectableFlags_.disabled
         clicked = imgui.selectable(f"##{command.id}", chosen, flags)[0]
         ui.mark(f"palette.{command.id}")
         color, draw = pack_color(TEXT if command.enabled() else DIM), imgui.get_window_draw_list()
@@ -108,5 +128,7 @@ def _list_matches(typed: str, actions: Iterable[Action]) -> list[Action]:
 
     So Enter runs the best match that can run.
     """
-    found = find_best_matches(typed, (a for a in actions if a.menu), lambda a: a.title, lambda a: a.menu)
+    found = find_best_matches(
+        typed, (a for a in actions if a.menu), lambda a: a.title, lambda a: a.menu, lambda a: a.words
+    )
     return sorted(found, key=lambda action: not action.enabled()) if typed else found

@@ -11,7 +11,7 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as desktop
 
-from instdrive_app.files.file_names import find_working_folder
+from instdrive_app.files.file_names import find_folder_beside, find_working_folder
 from instdrive_app.files.folder_listing import FolderEntry, list_folder
 from instdrive_app.panels.dialogs.export import ExportOptions
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, holds_scene
@@ -56,7 +56,7 @@ class FileBrowser:
         purpose = self._purpose = PURPOSES[request.purpose]
         files = ui.session.files
         current = files.project or files.path
-        folder = current.resolve().parent if current else find_working_folder()
+        folder = find_folder_beside(current)
         stem = current.name.split(".")[0].removesuffix("_edited") if current else "scene"
         self._text = str(folder / f"{stem}{purpose.suggestion}") if purpose.writes else f"{folder}/"
         if not has_desktop_dialogs():
@@ -87,8 +87,7 @@ class FileBrowser:
         answer = result[0] if isinstance(result, list) and result else result
         if isinstance(answer, str) and answer:
             path = Path(answer)
-            if self._purpose.writes and not path.suffix and not self._purpose.folders:
-                path = path.with_name(path.name + self._purpose.suffixes[0])
+            path = self._purpose.complete(path)
             problem = self._purpose.find_problem(path)
             if problem:
                 ui.session.messages.error(f"{path}: {problem}")
@@ -111,6 +110,7 @@ class FileBrowser:
         if imgui.begin_child("##entries", below, imgui.ChildFlags_.borders):
             self._draw_entries(ui, folder, path)
         imgui.end_child()
+        path = purpose.complete(path)
         problem = purpose.find_problem(path)
         if problem:
             imgui.text_colored(rgba(DIM if os.path.isdir(path) else ERROR), problem)

@@ -36,6 +36,13 @@ class FilePurpose:
     refusal: str = ""
     """Why no path at all can be accepted; empty if some can."""
 
+    def complete(self, path: Path) -> Path:
+        """Add the ending that the user need not type: that of a file whose name can have no other."""
+        if not self.writes or self.folders or len(self.suffixes) != 1 or os.path.isdir(path) or not path.name:
+            return path
+        has_ending = path.name.lower().endswith((*self.suffixes, *FILE_ENDINGS))
+        return path if has_ending else path.with_name(path.name + self.suffixes[0])
+
     def find_problem(self, path: Path) -> str:
         """Say why the path cannot be accepted; empty if it can."""
         if self.refusal or not self.writes:

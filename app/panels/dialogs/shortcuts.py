@@ -15,7 +15,9 @@ from instdrive_app.session.requests import ShowShortcuts
 
 TITLE = "Keys and mouse"
 MOUSE = (
-    ("Click", "Select; click again for what is behind"),
+    ("Click", "Select; after a moment click again for what is behind"),
+    ("Double click", "Select and frame"),
+    ("Alt + wheel", "Go to what is behind, and back"),
     ("Shift + click", "Add to the selection"),
     ("Ctrl + click", "Remove from the selection"),
     ("Alt + click", "Select the whole codeword"),

@@ -5,9 +5,18 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from instdrive_app.panels.widgets.gestures import Gesture
-from instdrive_app.panels.widgets.ui import Ui, scale_size
+from instdrive_app.panels.widgets.theme import ACCENT, TEXT, rgba
+from instdrive_app.panels.widgets.ui import (
+    Ui,
+    draw_bounded_slider,
+    draw_dim_text,
+    get_icon,
+    scale_pixels,
+    scale_size,
+)
+from instdrive_app.session.color_controller import ColorMode
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.kinds.color import RecolorMode
+from instdrive_core.edits.queries.body_color import RGB, find_body_color
 
 PRESETS: dict[str, tuple[float, float, float]] = {
     "red": (0.82, 0.13, 0.13),
@@ -19,8 +28,9 @@ PRESETS: dict[str, tuple[float, float, float]] = {
     "white": (0.92, 0.92, 0.92),
     "black": (0.08, 0.08, 0.09),
 }
-MODES: dict[RecolorMode, str] = {"tint": "Tint", "hue": "Hue", "solid": "Solid"}
-MODE_HINTS: dict[RecolorMode, str] = {
+MODES: dict[ColorMode, str] = {"paint": "Paint", "tint": "Tint", "hue": "Hue", "solid": "Solid"}
+MODE_HINTS: dict[ColorMode, str] = {
+    "paint": "Only the body takes this colour; glass, tyres and lights keep theirs",
     "tint": "Everything takes this colour; light, shade and reflections stay",
     "hue": "Hues become this colour's; greys, light and shade stay",
     "solid": "One flat colour from every direction",
@@ -37,11 +47,11 @@ def draw_preset_row(ui: Ui, where: str, ids: tuple[int, ...]) -> bool:
         flags = imgui.ColorEditFlags_.no_tooltip | imgui.ColorEditFlags_.no_drag_drop
         if imgui.color_button(f"##{where}.{name}", ImVec4(*color, 1.0), flags, ImVec2(size, size)):
             ui.session.colors.color = color
-            ui.session.colors.recolor(ids, ui.session.colors.mode, color)
+            ui.session.colors.recolor(ids, ui.session.colors.find_mode(ids), color)
             clicked = True
         ui.mark(f"{where}.color.{name}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip(f"{MODES[ui.session.colors.mode]} {name}")
+            imgui.set_tooltip(f"{MODES[ui.session.colors.find_mode(ids)]} {name}")
     imgui.pop_style_var()
     return clicked
 
@@ -52,15 +62,17 @@ class RecolorSection:
     title: str = "Colour"
 
     def __init__(self) -> None:
-        self._gesture = Gesture("recolour")
+        self._gesture, self._picker, self._reach = Gesture("recolour"), Gesture("picker"), Gesture("tolerance")
+
+        self._body: tuple[tuple[Document, int, int], RGB] | None = None
 
     def draw(self, ui: Ui, document: Document, ids: tuple[int, ...]) -> None:
         """Draw one frame; every change is applied at once, and one drag in the picker is one step of the history."""
-        session = ui.session
+        session, chosen = ui.session, ui.session.colors.find_mode(ids)
         for number, (mode, title) in enumerate(MODES.items()):
             if number:
                 imgui.same_line()
-            if imgui.radio_button(title, session.colors.mode == mode):
+            if imgui.radio_button(title, chosen == mode):
                 session.colors.mode = mode
             ui.mark(f"inspector.mode.{mode}")
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
@@ -77,4 +89,65 @@ class RecolorSection:
         if changed:
             r, g, b = (min(max(float(channel), 0.0), 1.0) for channel in picked)
             session.colors.color = (r, g, b)
-            session.colors.recolor(ids, session.colors.mode, (r, g, b), gesture)
+            session.colors.recolor(ids, session.colors.find_mode(ids), (r, g, b), gesture)
+        if session.colors.find_mode(ids) == "paint":
+            self._draw_reach(ui, document, ids)
+        self._draw_picker(ui, ids)
+
+    def _draw_reach(self, ui: Ui, document: Document, ids: tuple[int, ...]) -> None:
+        """Draw the colour that is replaced, and how far from it splats may be."""
+        colors, flags = ui.session.colors, imgui.ColorEditFlags_
+        shown = colors.reference or self._find_body_color(document, ids)
+        imgui.color_button("##replaced", ImVec4(*shown, 1.0), flags.no_tooltip | flags.no_drag_drop)
+        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+            imgui.set_tooltip("The colour that is replaced")
+        imgui.same_line()
+        imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if colors.picks_reference else TEXT))
+        if imgui.button(get_icon("ICON_FA_EYE_DROPPER")):
+            colors.picks_reference = not colors.picks_reference
+        imgui.pop_style_color()
+        ui.mark("inspector.reference")
+        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+            imgui.set_tooltip("Click, then click into the view: that colour is replaced")
+        if colors.reference is not None:
+            imgui.same_line()
+            if imgui.button(get_icon("ICON_FA_ARROW_ROTATE_LEFT")):
+                colors.set_reference(ids, None)
+            if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+                imgui.set_tooltip("Replace the colour of the body")
+        imgui.same_line()
+        imgui.set_next_item_width(-1)
+        changed, percent = draw_bounded_slider("##tolerance", 100 * colors.tolerance, 0, 100, "Tolerance %.0f %%")
+        gesture = self._reach.name_drag()
+        ui.mark("inspector.tolerance")
+        if changed:
+            colors.set_tolerance(ids, percent / 100, gesture)
+
+    def _find_body_color(self, document: Document, ids: tuple[int, ...]) -> RGB:
+        key = (document, ids[0], document.versions.table)
+        if self._body is None or self._body[0] != key:
+            rows = document.find_rows(ids[:1])
+            found = find_body_color(document.scene.gaussians, rows) if len(rows) else (0.5, 0.5, 0.5)
+            self._body = (key, found)
+        return self._body[1]
+
+    def _draw_picker(self, ui: Ui, ids: tuple[int, ...]) -> None:
+        """Draw the large picker that the command opens; nothing changes before a colour is chosen in it."""
+        colors = ui.session.colors
+        if colors.take_question():
+            imgui.open_popup("##picker")
+        if not imgui.begin_popup("##picker"):
+            return
+        draw_dim_text(f"{MODES[colors.find_mode(ids)]} the selection")
+        draw_preset_row(ui, "picker", ids)
+        pressed, flags = imgui.is_mouse_clicked(0), imgui.ColorEditFlags_
+        style = flags.no_alpha | flags.no_side_preview | flags.picker_hue_wheel | flags.display_hex
+        imgui.set_next_item_width(scale_pixels(180))
+        changed, picked = imgui.color_picker3("##wheel", list(colors.color), style)
+        gesture = self._picker.name_drag(pressed)
+        ui.mark("picker.wheel")
+        if changed:
+            r, g, b = (min(max(float(channel), 0.0), 1.0) for channel in picked)
+            colors.color = (r, g, b)
+            colors.recolor(ids, colors.find_mode(ids), (r, g, b), gesture)
+        imgui.end_popup()

@@ -1,4 +1,4 @@
-"""What the last deletion left behind: residue as dots, the hole hatched, and a box with buttons to repair both."""
+"""What deletions and moves left behind: residue as dots, the hole hatched, and a box with buttons to repair both."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class _Line:
 
 
 class DeletionOverlay:
-    """Shows the review of the last deletion, as long as there is one."""
+    """Shows what is pending, and the report of the last of it."""
 
     def __init__(self) -> None:
-        self._pattern: tuple[Hole, HolePattern] | None = None
+        self._patterns: list[tuple[Hole, HolePattern]] = []
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
@@ -51,17 +51,21 @@ class DeletionOverlay:
             return
         draw = imgui.get_window_draw_list()
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
-        if found.hole is not None:
-            _draw_pattern(self._find_pattern(found.hole), snapshot.camera, place)
+        holes = [each.hole for each in ui.session.deletion.review.pending if each.hole is not None]
+        for hole in holes:
+            _draw_pattern(self._find_pattern(hole), snapshot.camera, place)
+        self._patterns = [known for known in self._patterns if any(known[0] is hole for hole in holes)]
         if found.residue_count:
             _draw_dots(_place_residue(found, document.scene, ui.session.state.time), snapshot.camera, place)
         draw.pop_clip_rect()
         _draw_box(ui, found, place)
 
     def _find_pattern(self, hole: Hole) -> HolePattern:
-        if self._pattern is None or self._pattern[0] is not hole:
-            self._pattern = (hole, build_hole_pattern(hole))
-        return self._pattern[1]
+        for known, pattern in self._patterns:
+            if known is hole:
+                return pattern
+        self._patterns.append((hole, build_hole_pattern(hole)))
+        return self._patterns[-1][1]
 
 
 def _draw_pattern(pattern: HolePattern, camera: Camera, place: Rectangle) -> None:
@@ -99,7 +103,8 @@ def _draw_dots(places: Float64[ndarray, "r 3"], camera: Camera, place: Rectangle
 
 def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle) -> None:
     lines = _compose_lines(ui, found)
-    title = f"Deleted {found.report.name}"
+    others = len(ui.session.deletion.review.pending) - 1
+    title = f"{found.title}  (and {others} more)" if others else found.title
     row, padding = imgui.get_frame_height() + scale_pixels(LINE_GAP), scale_pixels(PADDING)
     words = max(imgui.calc_text_size(text).x for text in (title, *(line.text for line in lines)))
     buttons = max(imgui.calc_text_size(line.button).x for line in lines) + 2 * imgui.get_style().frame_padding.x
@@ -132,10 +137,13 @@ def _compose_lines(ui: Ui, found: DeletionFindings) -> list[_Line]:
         lines.append(_Line(text, f"{get_icon('ICON_FA_BROOM')}  Absorb floaters", commands["deletion.absorb"]))
     if found.hole is not None:
         words = "Filling…" if ui.session.deletion.review.is_filling else "Fill hole"
-        text = f"Hole of {found.hole.area:.1f} m²"
+        text = f"Hole of {found.report.fill_area:.1f} m²"
         if found.hole.shadow_area:
-            text += f" and a shadow of {found.hole.shadow_area:.1f} m²"
+            text += f", {found.hole.shadow_area:.1f} m² of it in the shadow"
         lines.append(_Line(text, f"{get_icon('ICON_FA_FILL_DRIP')}  {words}", commands["deletion.fill"]))
+    if sum(each.hole is not None for each in ui.session.deletion.review.pending) > 1:
+        icon = get_icon("ICON_FA_FILL_DRIP")
+        lines.append(_Line("Holes of earlier steps, too", f"{icon}  Fill all holes", commands["deletion.fill_all"]))
     return lines
 
 

@@ -20,14 +20,14 @@ class HoverLabel:
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
         document = ui.session.document
+        if ui.session.state.stack is not None:
+            return  # the list of what lies here stands in its place
         if document is None or ui.pointer is None or ui.session.state.hovered not in document.scene.table:
             return
         x, y = ui.pointer
         instance = document.scene.table[ui.session.state.hovered]
         facts = [instance.class_name] if instance.class_name else []
         facts.append(f"#{instance.id}")
-        if document.scene.code_bits:
-            facts.append(f"code {instance.codeword}")
         facts.append(format_count(document.summarize_instance(instance.id).drawn, "splat"))
         widest = min(scale_pixels(WIDEST), place.width - scale_pixels(60))
         text = fit_text("  ·  ".join(facts), widest)

@@ -12,7 +12,9 @@ from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
 from instdrive_app.panels.overlays.reference import ReferenceOverlay
 from instdrive_app.panels.overlays.region_outline import RegionOutline
+from instdrive_app.panels.overlays.stack_list import StackList
 from instdrive_app.panels.overlays.toolbar import Toolbar
+from instdrive_app.panels.overlays.upright_bar import UprightBar
 from instdrive_app.panels.overlays.view_switch import ViewSwitch
 
 BELOW_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
@@ -29,6 +31,8 @@ ABOVE_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
     OverlayRecord("Scale of depths", "ICON_FA_RULER", DepthLegend),
     OverlayRecord("Minimum opacity", "ICON_FA_SLIDERS", OpacitySlider),
     OverlayRecord("Label of the hovered instance", "ICON_FA_COMMENT", HoverLabel),
+    OverlayRecord("What lies behind each other", "ICON_FA_LAYER_GROUP", StackList),
+    OverlayRecord("Question which way is up", "ICON_FA_ARROWS_SPIN", UprightBar),
     OverlayRecord("Outline of a region", "ICON_FA_DRAW_POLYGON", RegionOutline),
 )
 """Drawn last, in this order."""

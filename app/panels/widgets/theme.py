@@ -91,8 +91,9 @@ def _build_colors() -> dict[int, ImVec4]:
         col.scrollbar_grab_hovered: rgba(DIM, 0.6),
         col.scrollbar_grab_active: rgba(DIM, 0.8),
         col.check_mark: rgba(ACCENT),
-        col.slider_grab: rgba(ACCENT, 0.85),
-        col.slider_grab_active: rgba(ACCENT),
+        # The value is written over the thumb, and must be readable there.
+        col.slider_grab: rgba(ACCENT, 0.45),
+        col.slider_grab_active: rgba(ACCENT, 0.6),
         col.button: rgba(RAISED),
         col.button_hovered: rgba(HOVER),
         col.button_active: rgba(ACCENT, 0.45),

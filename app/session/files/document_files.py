@@ -36,8 +36,14 @@ Stamp = tuple[int, int]
 class DocumentFiles:
     """Knows which files the open document came from and went to, and what is not saved yet."""
 
-    def __init__(self, context: SessionContext, show: Callable[[OpenedDocument], None]) -> None:
-        """`show` gets each document that was opened."""
+    def __init__(
+        self,
+        context: SessionContext,
+        show: Callable[[OpenedDocument], None],
+        store_more: Callable[[], dict[str, Any]] = dict,
+    ) -> None:
+        """`show` gets each document that was opened; `store_more` gives what a project keeps beside the view."""
+        self._store_more = store_more
         self._context, self._jobs, self._messages, self._show = context, context.jobs, context.messages, show
         self.path: Path | None = None
         """Where the open document came from: a scene or a project."""
@@ -134,7 +140,7 @@ class DocumentFiles:
         """
         document, path = self._context.document, path or self.project
         if document is not None and path is not None:
-            self._save(document, path, store_view(self._context.state), then)
+            self._save(document, path, store_view(self._context.state) | self._store_more(), then)
 
     def _save(
         self, document: Document, path: Path, view: dict[str, Any], then: Callable[[], None], over_other: bool = False

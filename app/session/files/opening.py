@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import format_ordinal
 from instdrive_core.progress import report, report_span
 from instdrive_core.project.open import open_document, open_project
 from instdrive_core.project.recoverable import RecoverableSession, RestoredSession, restore_session
 from instdrive_core.project.save import is_project
+from instdrive_core.rasterize.sky_evidence import fill_scene_sky
 from instdrive_core.scene.lint import Defect, find_defects
 
 
@@ -48,10 +51,21 @@ def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int =
             if keep_every > 1:
                 every = f"Every {format_ordinal(keep_every)} splat"
                 notes = (f"{every} was opened and made larger: {len(document.scene):,} in all",)
+    fill_document_sky(document)
     document.count_states()  # builds the index of instances here, so that the first click finds it built
     report(0.95)
     defects = tuple(defect for defect in find_defects(document.scene) if len(defect.rows))
     return OpenedDocument(document, path, view, notes, defects)
+
+
+def fill_document_sky(document: Document) -> None:
+    """Fill what no photo saw of the sky: scenes trained by earlier versions hold noise there.
+
+    Where edits have turned the scene, its sky stays: undoing them would bring the old one back.
+    """
+    scene = document.scene
+    if scene.sky is not None and scene.views and np.array_equal(document.orientation, np.eye(3, 4)):
+        document.replace_surroundings(scene.views, fill_scene_sky(scene), document.orientation)
 
 
 def recover_for_editing(session: RecoverableSession, accept_changed: bool = False) -> OpenedDocument:
@@ -61,5 +75,6 @@ def recover_for_editing(session: RecoverableSession, accept_changed: bool = Fals
     raised. Raises DataError.
     """
     found = restore_session(session, accept_changed)
+    fill_document_sky(found.document)
     found.document.count_states()
     return OpenedDocument(found.document, found.path, notes=found.notes, restored=found)

@@ -115,6 +115,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     # Where there is not one sweep, training starts as from any other photos.
     points = None if sweeps else SparsePoints.none()
     tracks, merged = load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin)
+    exact, _ = load_tracks(root / "labels" / "cuboids", range(first, last + 1), times, origin)
     return Clip(
         path=str(root),
         name=root.resolve().name,
@@ -125,6 +126,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         class_names=classes,
         camera_names=tuple(camera.name for camera in cameras),
         points=points,
+        exact_tracks=exact,
         notes=(*notes, *merged, *(() if sweeps else (describe_start(0),))),
     )
 

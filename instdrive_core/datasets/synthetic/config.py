@@ -6,8 +6,52 @@ from dataclasses import dataclass
 
 from instdrive_core.errors import OptionError
 
-MAX_STEPS = 100
-"""Files are named by two digits, and the street is long enough for ten seconds."""
+STEP_SECONDS = 0.1
+CONFIG_FILE = "labels/street.json"
+"""Where a clip keeps the config of its street."""
+MAX_STEPS = 400
+"""Forty seconds: the street is built as long as the drive needs it."""
+
+
+@dataclass(frozen=True)
+class RecordingFlaws:
+    """What real recordings have and the standard clip does not. Truth in ``labels/`` stays exact."""
+
+    shutter_seconds: float = 0.0
+    """Time from a photo's first to its last row, while the car and the traffic move on; 0 = all rows at once."""
+    position_noise: float = 0.0
+    """Standard deviation in metres along each axis of written camera and LiDAR poses; photos and points stay."""
+    rotation_noise: float = 0.0
+    """Standard deviation in degrees about each axis of written camera and LiDAR poses."""
+    exposure_stops: float = 0.0
+    """Most stops by which a camera's exposure drifts up and down during the drive."""
+    cuboid_error: float = 0.0
+    """Metres by which cuboids are off, half of it constant for an object, half new at each step (root mean square)."""
+    twin_cuboids: bool = False
+    """Annotate what moves twice, as met by two LiDARs 12 to 60 ms apart, without naming the pairs."""
+
+    def __post_init__(self) -> None:
+        limits = {
+            "shutter_seconds": 0.1,
+            "position_noise": 1.0,
+            "rotation_noise": 5.0,
+            "exposure_stops": 3.0,
+            "cuboid_error": 1.0,
+        }
+        for name, high in limits.items():
+            value = getattr(self, name)
+            if not 0 <= value <= high:
+                raise OptionError(f"{name} is {value}; choose 0 to {high:g}")
+
+    @property
+    def spoils_poses(self) -> bool:
+        """Whether written poses differ from the true ones."""
+        return self.position_noise > 0 or self.rotation_noise > 0
+
+    @property
+    def spoils_cuboids(self) -> bool:
+        """Whether the annotations differ from the true boxes."""
+        return self.cuboid_error > 0 or self.twin_cuboids
 
 
 @dataclass(frozen=True)
@@ -17,13 +61,15 @@ class StreetConfig:
     seed: int = 0
     """Chooses layout, models, colours, traffic and sun."""
     steps: int = 20
-    """Time steps at 10 Hz (1–100)."""
+    """Time steps at 10 Hz (1–400)."""
     width: int = 480
     """Width of the photos in pixels; PandaSet's are 1920×1080."""
     height: int = 270
     """Height of the photos in pixels."""
     lidar_azimuths: int = 1000
     """LiDAR columns per turn; 64 beams each."""
+    flaws: RecordingFlaws = RecordingFlaws()
+    """How the recording falls short of the standard one."""
 
     def __post_init__(self) -> None:
         limits = {

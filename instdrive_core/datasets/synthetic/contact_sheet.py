@@ -16,7 +16,7 @@ ROWS = 4
 
 def build_clip_sheet(clip: Path, width: int = 480) -> Image.Image:
     """Put together photos of `ROWS` time steps spread over the clip, each `width` pixels wide."""
-    steps = sorted(path.stem for path in (clip / "camera" / "front_camera").glob("*.jpg"))
+    steps = sorted((path.stem for path in (clip / "camera" / "front_camera").glob("*.jpg")), key=int)
     chosen = [steps[round(row * (len(steps) - 1) / (ROWS - 1))] for row in range(ROWS)]
     rows = []
     for step in chosen:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from numpy import ndarray
 
+from instdrive_core.datasets.synthetic.flaws import Annotation
 from instdrive_core.datasets.synthetic.sensors.lidar import LidarSweep
-from instdrive_core.datasets.synthetic.world.street import CLASSES, Actor, Street
+from instdrive_core.datasets.synthetic.world.street import CLASSES, Actor
 from instdrive_core.maths.rotations import quaternion_from_matrix
 
 Pose = Float64[ndarray, "4 4"]
@@ -34,10 +35,10 @@ def describe_pose(pose: Pose) -> dict[str, dict[str, float]]:
 
 
 def write_table(path: Path, columns: dict[str, ndarray], index_name: str | None = None) -> None:
-    """Write a gzipped pickle of a plain DataFrame: numpy columns, column names as objects rather than pandas' own
-    strings, no time of day in the gzip header."""
-    with pd.option_context("mode.string_storage", "python"):  # pickles are the same whether or not pyarrow is there
-        table = pd.DataFrame(columns)
+    """Write a gzipped pickle of a plain DataFrame: numpy columns, texts and column names as objects rather than pandas'
+    own strings (which need pyarrow where that is installed), no time of day in the gzip header."""
+    texts = {name: pd.Series(values, dtype=object) for name, values in columns.items() if values.dtype.kind in "OU"}
+    table = pd.DataFrame(columns | texts)
     table.columns = pd.Index(list(columns), dtype=object)
     table.index.name = index_name
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -69,14 +70,13 @@ def write_classes(folder: Path) -> None:
     path.write_text(json.dumps(names, indent=2))
 
 
-def write_cuboids(folder: Path, step: int, street: Street, time: float) -> None:
-    """Write ``annotations/cuboids/NN.pkl.gz``, one row per actor."""
-    turn = street.world_from_street()
-    poses = np.stack([turn @ street.box_pose(actor, time) for actor in street.actors])
-    dimensions = np.stack([actor.dimensions for actor in street.actors])
-    actors = street.actors
+def write_cuboids(file: Path, annotations: Sequence[Annotation], world_from_box: Float64[ndarray, "n 4 4"]) -> None:
+    """Write a time step's cuboids, one row per annotation."""
+    poses = world_from_box
+    actors = [annotation.actor for annotation in annotations]
+    dimensions = np.stack([actor.dimensions for actor in actors])
     columns: dict[str, ndarray] = {
-        "uuid": _build_object_column([str(actor.uuid) for actor in actors]),
+        "uuid": _build_object_column([str(annotation.uuid) for annotation in annotations]),
         "label": _build_object_column([actor.label for actor in actors]),
         "yaw": np.arctan2(poses[:, 1, 0], poses[:, 0, 0]),
         "stationary": np.array([actor.route.speed == 0 for actor in actors]),
@@ -84,17 +84,17 @@ def write_cuboids(folder: Path, step: int, street: Street, time: float) -> None:
     }
     columns |= {f"position.{axis}": poses[:, k, 3].copy() for k, axis in enumerate("xyz")}
     columns |= {f"dimensions.{axis}": dimensions[:, k].copy() for k, axis in enumerate("xyz")}
-    columns |= _build_attributes(actors)
-    write_table(folder / "annotations" / "cuboids" / f"{step:02d}.pkl.gz", columns)
+    columns |= _build_attributes(actors, np.array([annotation.sensor for annotation in annotations], np.int64))
+    write_table(file, columns)
 
 
-def _build_attributes(actors: Sequence[Actor]) -> dict[str, ndarray]:
+def _build_attributes(actors: Sequence[Actor], sensors: Int64[ndarray, " n"]) -> dict[str, ndarray]:
     """The columns behind the boxes, in PandaSet's order; NaN where an attribute does not apply."""
     people = [actor.behavior is not None for actor in actors]
     return {
         "attributes.object_motion": _build_object_column([actor.motion or np.nan for actor in actors]),
         "cuboids.sibling_id": _build_object_column(["-"] * len(actors)),
-        "cuboids.sensor_id": np.full(len(actors), -1, np.int64),
+        "cuboids.sensor_id": sensors,
         "attributes.rider_status": _build_object_column([actor.rider or np.nan for actor in actors]),
         "attributes.pedestrian_behavior": _build_object_column([actor.behavior or np.nan for actor in actors]),
         "attributes.pedestrian_age": _build_object_column(["Adult" if person else np.nan for person in people]),

@@ -50,6 +50,11 @@ class AppendEdit(Edit):
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
 
+    @property
+    def added_ids(self) -> tuple[int, ...]:
+        """IDs of the instances that were added, once it was done."""
+        return self._entries
+
     @abstractmethod
     def build_addition(self, document: Document) -> Addition:
         """What this edit adds, not shifted yet. Raises EditError where the edit does not fit the document."""

@@ -43,6 +43,11 @@ class FlagEdit(Edit):
         self._done = done
         return bool(done)
 
+    def list_set_rows(self, flag: Flag) -> ndarray:
+        """List the rows on which doing this edit has set a bit."""
+        rows = [change.rows for change in self._done if change.on and change.flag & flag]
+        return np.concatenate([np.zeros(0, np.int32), *rows]).astype(np.int64)
+
     def undo(self, document: Document) -> None:
         """Flip back, in reverse order, the bits that changed."""
         for rows, flag, on in reversed(self._done):

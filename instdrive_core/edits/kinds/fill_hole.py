@@ -83,9 +83,14 @@ class FillHole(AppendEdit):
             raise EditError(f"seed {self.seed!r} is not a whole number from 0 to {2**32 - 1}")
 
     @property
+    def area(self) -> float:
+        """Square metres of all cells, those in the cast shadow included."""
+        return len(self.cells) * self.size**2
+
+    @property
     def title(self) -> str:
         """``Fill hole of 7.2 m²``."""
-        return f"Fill hole of {len(self.cells) * self.size**2:.1f} m²"
+        return f"Fill hole of {self.area:.1f} m²"
 
     @property
     def shift(self) -> Vector:

@@ -77,8 +77,14 @@ class MoveInstances(PoseEdit):
 
     @property
     def title(self) -> str:
-        """``Move instance 17``."""
-        return f"Move {describe_ids(self.ids)}"
+        """``Move instance 17``, ``Rotate instance 17``, ``Scale instance 17`` or ``Put instance 17 on the ground``."""
+        what, shifted = describe_ids(self.ids), any(self.translation)
+        turned = math.hypot(*self.rotation[1:]) > 1e-9 * math.hypot(*self.rotation)
+        if shifted or (turned and self.scale != 1):
+            return f"Move {what}"
+        if turned or self.scale != 1:
+            return f"{'Rotate' if turned else 'Scale'} {what}"
+        return f"Put {what} on the ground" if self.on_ground else f"Move {what}"
 
     def do(self, document: Document) -> bool:
         """Point rows at composed transforms, and replace tracks."""

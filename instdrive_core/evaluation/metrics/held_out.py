@@ -50,7 +50,7 @@ def measure_held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: 
     """Draw one view and compare it with its photo. Sky and ego vehicle are ignored in maps, the latter in images.
 
     Where the scene knows exposures, the image is exposed as the camera's training photos before and after it were.
-    The boxes of moving objects are those of the clip, so that runs without actors are measured on the same pixels.
+    The boxes of moving objects are the clip's true ones, so that runs without actors are measured on the same pixels.
     """
     camera, time = frame.view.camera, frame.view.time
     preview = view_scene(scene, camera, time)
@@ -72,5 +72,5 @@ def measure_held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: 
         codewords=codewords,
         psnr=psnr(image, photo, valid),
         ssim=ssim(image, photo, valid),
-        psnr_actors=psnr(image, photo, valid & find_moving_box_pixels(camera, clip.tracks, time)),
+        psnr_actors=psnr(image, photo, valid & find_moving_box_pixels(camera, clip.true_tracks, time)),
     )

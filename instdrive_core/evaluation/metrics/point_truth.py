@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float32, UInt32
+from jaxtyping import Bool, Float32, Int64, UInt8, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Frame, Sweep, SweepPoints, is_held_out
@@ -42,8 +43,9 @@ def label_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep]:
     labels for points.
 
     Exact where the clip stores an instance per point. Else a point inside a box takes the box's object if its
-    semantic class fits (the box's lowest 0.12 m, where the road is, left out), and any other point its class. Points of
-    movable classes outside of all boxes, and what the second LiDAR sees of moving objects, are ignored.
+    semantic class fits (the box's lowest 0.12 m, where the road is, left out), and any other point its class, or
+    its region of that where the ground truth tells regions apart. Points of movable classes outside of all boxes, and
+    what the second LiDAR sees of moving objects, are ignored.
 
     Points that no held-out photo of the same time step has in its image (ego vehicle left out) are left out: a run
     with the front camera alone is not asked for what is behind it.
@@ -84,17 +86,42 @@ def _label_points(
         return found.instance_labels
     if found.classes is None:
         return None
-    return _label_by_annotations(clip, sweep.time, replace(found, classes=found.classes), ground_truth.instances)
+    if isinstance(ground_truth, StuffOfPoints):
+        ids = ground_truth.find_stuff(found.points, found.classes).astype(np.int64)
+    else:
+        ids = _find_stuff_by_class(clip, found.classes, ground_truth.instances)
+    return _put_into_boxes(clip, sweep.time, found, ids, ground_truth.instances)
 
 
-def _label_by_annotations(
-    clip: Clip, time: float, found: SweepPoints, instances: Mapping[int, GroundTruthInstance]
-) -> UInt32[ndarray, " n"]:
-    """Label points by box and class."""
-    assert found.classes is not None
+@runtime_checkable
+class StuffOfPoints(Protocol):
+    """A ground truth that tells regions of stuff of one class apart."""
+
+    def find_stuff(self, points: Float32[ndarray, "n 3"], classes: UInt8[ndarray, " n"]) -> UInt32[ndarray, " n"]:
+        """Find the region that points with semantic classes lie on; 0 = none."""
+        ...
+
+
+def _find_stuff_by_class(
+    clip: Clip, classes: UInt8[ndarray, " n"], instances: Mapping[int, GroundTruthInstance]
+) -> Int64[ndarray, " n"]:
     stuff_ids = {instance.class_name: instance.id for instance in instances.values() if instance.kind == "stuff"}
+    ids = assign_class_ids(clip.class_names, stuff_ids)[classes]
+    ids[ids == NOTHING] = UNKNOWN
+    return ids
+
+
+def _put_into_boxes(
+    clip: Clip,
+    time: float,
+    found: SweepPoints,
+    ids: Int64[ndarray, " n"],
+    instances: Mapping[int, GroundTruthInstance],
+) -> UInt32[ndarray, " n"]:
+    """Give points inside a box whose class fits to its object, and leave out what is inside a moving one without
+    fitting."""
+    assert found.classes is not None
     thing_ids = {instance.track_id: instance.id for instance in instances.values() if instance.track_id is not None}
-    ids = assign_class_ids(clip.class_names, stuff_ids)[found.classes]
     boxes = [track for track in clip.tracks if track.covers(time) and track.id in thing_ids]
     box, _ = assign_boxes(
         found.points,
@@ -105,7 +132,7 @@ def _label_by_annotations(
         np.array([track.moving for track in boxes], bool),
         np.array([find_fitting_classes(clip.class_names, track.label) for track in boxes]).reshape(-1, 256),
     )
-    ids[(ids == NOTHING) | (box == INSIDE_OF_MOVING)] = UNKNOWN
+    ids[box == INSIDE_OF_MOVING] = UNKNOWN
     inside = box >= 0
     ids[inside] = np.array([thing_ids[track.id] for track in boxes], np.int64)[box[inside]]
     return ids.astype(np.uint32)

@@ -60,7 +60,7 @@ class TrackScores:
 
 def find_annotated_movers(clip: Clip) -> list[Mover]:
     """Movers of a clip's annotations, each object once, with the sweeps that show them."""
-    tracks = merge_twins(clip.tracks).tracks
+    tracks = merge_twins(clip.true_tracks).tracks
     places = {frame.view.time: frame.view.camera.position for frame in clip.frames}
     movers: dict[str, tuple[list[float], int]] = {track.id: ([], 0) for track in tracks}
     for sweep in clip.sweeps:

@@ -81,11 +81,13 @@ def _list_cards(evaluation: Evaluation) -> dict[str, str]:
 
 def _list_instance_cards(figures: Mapping[str, Any]) -> dict[str, str]:
     scene, click = figures["scene"], figures["click"]
-    return {
+    recorded = figures["ground_truth"] == "annotations"
+    things = {"things, scene mIoU": format_figure(scene["miou_things"])} if recorded else {}
+    return things | {
         "scene mIoU": format_figure(scene["miou"]),
-        "of the reference's": _format_ratio(scene["miou"], scene["oracle_miou"]),
+        "of the reference's": _format_ratio(scene["miou"], scene["reference_miou"]),
         "PQ": format_figure(scene["pq"]),
-        "of the reference's PQ": _format_ratio(scene["pq"], scene["oracle_pq"]),
+        "of the reference's PQ": _format_ratio(scene["pq"], scene["reference_pq"]),
         "clicks that hit": _format_percent(click["hit_rate"]),
     }
 

@@ -17,8 +17,10 @@ from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_value import parse_json, require_whole_text
+from instdrive_core.formats.ply.start_view import VIEW, parse_view_comment
 from instdrive_core.instances.codebook import MAX_BITS
 from instdrive_core.instances.table import make_default_name
+from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
 
 _ANTIALIASED = "SplatRenderMode: mip"
@@ -36,6 +38,9 @@ class Annotations:
     origin: Float64[ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     names: dict[int, str] = field(default_factory=dict)
     classes: dict[int, str] = field(default_factory=dict)
+    start: Camera | None = None
+    has_sky: bool = False
+    """Whether a picture of the sky was written beside the file."""
 
 
 def build_comments(scene: Scene) -> list[str]:
@@ -64,6 +69,9 @@ def parse_comments(comments: tuple[str, ...], path: Path) -> Annotations:
                 instance_id = int(entry["id"])
                 annotations.names[instance_id] = require_whole_text(entry["name"])
                 annotations.classes[instance_id] = require_whole_text(entry.get("class", ""))
+            elif comment.startswith(VIEW):
+                annotations.start = parse_view_comment(comment)
+                annotations.has_sky = '"sky":' in comment
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             problem = f"the header comment {comment[:80]!r} is damaged ({type(error).__name__}: {error})"
             raise DataError(path, problem, "Remove that line from the header or export the file again") from error

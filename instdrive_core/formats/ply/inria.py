@@ -28,6 +28,7 @@ from instdrive_core.formats.ply.columns import (
 from instdrive_core.formats.ply.comments import build_comments, parse_comments
 from instdrive_core.formats.ply.compressed import read_compressed_ply
 from instdrive_core.formats.ply.compressed_layout import PACKED
+from instdrive_core.formats.ply.start_view import build_view_comments, read_sky_picture, write_sky_picture
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians, create_empty_gaussians
@@ -63,15 +64,19 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
 
 
 def write_ply(path: str | Path, scene: Scene) -> None:
-    """Write a scene at one moment, atomically. Sky and camera views have no place in a .ply.
+    """Write a scene at one moment, atomically. Of its cameras only the start view has a place in a .ply.
 
+    Where there is a start view, the sky is written as a picture beside the file.
     Raises DataError where the scene has moving actors: place them first (`edits.queries.bake.freeze_at_time`).
     """
     check_static(path, scene, ".ply")
     columns = collect_columns(scene)
     dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
+    path = Path(path)
+    if scene.start is not None and scene.sky is not None:
+        write_sky_picture(path, scene.sky)
     with open_atomically(path) as file:
-        file.write(_build_header(scene, dtype))
+        file.write(_build_header(scene, dtype, path))
         for start in range(0, len(scene), CHUNK_ROWS):
             chunk = np.empty(min(CHUNK_ROWS, len(scene) - start), dtype)
             for name, column in columns.items():
@@ -91,10 +96,10 @@ def collect_columns(scene: Scene) -> dict[str, ndarray]:
     return columns | view_features(scene.gaussians) | scene.extra
 
 
-def _build_header(scene: Scene, dtype: np.dtype) -> bytes:
+def _build_header(scene: Scene, dtype: np.dtype, path: Path) -> bytes:
     assert dtype.fields is not None
     lines = ["ply", "format binary_little_endian 1.0"]
-    lines += [f"comment {comment}" for comment in build_comments(scene)]
+    lines += [f"comment {comment}" for comment in (*build_comments(scene), *build_view_comments(scene, path))]
     lines.append(f"element vertex {len(scene)}")
     lines += [f"property {TYPE_NAMES[kind.str[1:]]} {name}" for name, (kind, *_) in dtype.fields.items()]
     return "\n".join([*lines, "end_header", ""]).encode()
@@ -124,5 +129,7 @@ def _assemble_scene(
         origin=notes.origin,
         code_bits=notes.code_bits,
         antialiased=notes.antialiased,
+        start=notes.start,
+        sky=read_sky_picture(path) if notes.start is not None and notes.has_sky else None,
         extra=extra,
     )

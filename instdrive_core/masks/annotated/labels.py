@@ -6,15 +6,21 @@ labels and pixels without a point are then settled by the photo's edges.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt32
+from jaxtyping import Bool, Float32, Int32, Integer, UInt32
 from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.masks.annotated.labelled_cloud import UNKNOWN, build_cloud
+from instdrive_core.masks.annotated.part_maps import PartMap, PartPixels, build_part_map
 from instdrive_core.masks.annotated.silhouettes import draw_objects
+from instdrive_core.masks.annotated.stuff_parts import split_stuff
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 from instdrive_core.masks.image.point_drawing import draw_points
 from instdrive_core.masks.image.sky import SkyColors, find_certain_sky, find_sky_seeds
@@ -39,8 +45,18 @@ def has_annotations(clip: Clip) -> bool:
     return bool(clip.sweeps) and (bool(clip.tracks) or bool(clip.class_names))
 
 
+@dataclass(frozen=True)
+class _FrameLabels:
+    labels: Int32[ndarray, "h w"]
+    """Stuff by class; the sky is one of the labels, -1 is unknown."""
+    parts: PartMap
+
+
 class AnnotationLabels:
-    """Labels of a clip made from its annotations; IDs hold in all frames and cameras.
+    """Labels of a clip made from its annotations. A thing has one ID in all frames and cameras.
+
+    Stuff of one class has an ID for each region of the photo that hangs together, in the photo or in space. Its ID is
+    that of its least part there; only `AnnotatedTruth` says which regions of several photos are one.
 
     Args:
         clip: the clip.
@@ -55,50 +71,94 @@ class AnnotationLabels:
         if not has_annotations(clip):
             problem = "has no annotations: LiDAR with cuboids or semantic classes is needed"
             raise DataError(clip.path, problem, "Choose another source of masks; `instdrive masks --help` lists them")
-        self._cloud = build_cloud(clip, held_out)
-        self._sky = 1 + max(self.instances, default=0)
-        self._things = range(min(self._cloud.tracks, default=self._sky), self._sky)
+        self.cloud = build_cloud(clip, held_out)
+        self.stuff = split_stuff(self.cloud.points, self.cloud.ids)
+        self._sky = 1 + max(self.cloud.instances, default=0)
+        self._things = range(min(self.cloud.tracks, default=self._sky), self._sky)
+        self.first_thing = len(self.stuff.label_of_part)
+        """ID of the first thing; stuff has lower ones, those of its parts."""
         self._sky_colors = self._learn_colors(clip)
-        self._last: tuple[str, Int32[ndarray, "h w"]] | None = None
+        self._last: tuple[str, _FrameLabels] | None = None
 
     @property
     def instances(self) -> dict[int, GroundTruthInstance]:
         """Facts of each ID."""
-        return self._cloud.instances
+        labels = enumerate(self.stuff.label_of_part.tolist())
+        return self.list_regions([(part, (part,)) for part, label in labels if label != UNKNOWN])
+
+    def list_regions(self, regions: Iterable[tuple[int, tuple[int, ...]]]) -> dict[int, GroundTruthInstance]:
+        """List the facts of regions of stuff, each with the parts it consists of, and of all things.
+
+        Regions of a class are named by size, the largest first.
+        """
+        sizes = np.bincount(self.stuff.parts, minlength=self.first_thing)
+        counted, facts = Counter[str](), {}
+        for number, parts in sorted(regions, key=lambda region: -int(sizes[list(region[1])].sum())):
+            name = self.cloud.instances[int(self.stuff.label_of_part[parts[0]])].class_name
+            counted[name] += 1
+            facts[number] = GroundTruthInstance(number, f"{name} {counted[name]}", name, "stuff")
+        for label in self._things:
+            number = label - self._things.start + self.first_thing
+            facts[number] = replace(self.cloud.instances[label], id=number)
+        return dict(sorted(facts.items()))
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
         """Load IDs at the frame's size; 0 = unknown, sky or ego vehicle."""
         labels = self._load_labels(frame)
-        kept = (labels > UNKNOWN) & (labels != self._sky)
-        if frame.valid is not None:
-            kept &= frame.valid
-        return np.where(kept, labels, 0).astype(np.uint32)
+        regions = labels.parts.join_regions(self.first_thing).astype(np.uint32)
+        return self._show(frame, labels.labels, regions[labels.parts.parts])
+
+    def load_parts(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], PartPixels]:
+        """Load IDs with every part of stuff for itself, and the pixels of each in each region of the photo."""
+        labels = self._load_labels(frame)
+        return self._show(frame, labels.labels, labels.parts.parts), labels.parts.counts
+
+    def draw_parts(self, frame: Frame) -> UInt32[ndarray, "h w"]:
+        """Draw IDs with every part of stuff for itself where LiDAR points or the silhouettes of things lie, else 0.
+
+        Nothing is spread from there: quick, and enough to vote with.
+        """
+        labels, parts = self._draw(frame)
+        return self._show(frame, labels, np.where(self.stuff.label_of_part[parts] == labels, parts, 0))
 
     def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
         """Load the sky at the frame's size."""
-        return self._load_labels(frame) == self._sky
+        return self._load_labels(frame).labels == self._sky
 
-    def _load_labels(self, frame: Frame) -> Int32[ndarray, "h w"]:
+    def _show(
+        self, frame: Frame, labels: Int32[ndarray, "h w"], stuff: Integer[ndarray, "h w"]
+    ) -> UInt32[ndarray, "h w"]:
+        """IDs of things by label, of other pixels those of `stuff`; 0 on sky, ego vehicle and what is unknown."""
+        is_thing = (labels >= self._things.start) & (labels != self._sky)
+        shown = np.where(is_thing, labels - self._things.start + self.first_thing, stuff)
+        kept = (labels > UNKNOWN) & (labels != self._sky)
+        if frame.valid is not None:
+            kept &= frame.valid
+        return np.where(kept, shown, 0).astype(np.uint32)
+
+    def _load_labels(self, frame: Frame) -> _FrameLabels:
         """Labels with the sky as one of them; -1 where nothing is known. The last frame's are kept."""
         if self._last is None or self._last[0] != frame.key:
             self._last = (frame.key, self._make_labels(frame))
         return self._last[1]
 
-    def _make_labels(self, frame: Frame) -> Int32[ndarray, "h w"]:
+    def _make_labels(self, frame: Frame) -> _FrameLabels:
         image, camera = frame.load_image(), frame.view.camera
-        labels = self._draw(frame)
+        labels, parts = self._draw(frame)
         things = ndimage.binary_dilation(labels >= self._things.start, iterations=THING_REACH)
         labels[find_sky_seeds(labels != OPEN, image, camera, self._sky_colors)] = self._sky
         opened = open_borders(labels, BORDER)
         filled = spread_labels(opened, image, self._compute_limits(camera.width), things, self._things)
         seams = np.full(self._sky + 1, SEAM, np.float32)
-        return spread_labels(filled, np.zeros_like(image), seams, things, self._things)
+        closed = spread_labels(filled, np.zeros_like(image), seams, things, self._things)
+        return _FrameLabels(closed, build_part_map(closed, parts, self.stuff.label_of_part))
 
-    def _draw(self, frame: Frame) -> Int32[ndarray, "h w"]:
-        """IDs where points were drawn, else OPEN."""
-        drawn, depths = draw_points(self._cloud.points, self._cloud.ids, frame.view.camera, POINT_SIZE)
-        draw_objects(self._cloud, frame.view, drawn, depths)
-        return np.where(np.isfinite(depths), drawn.astype(np.int32), OPEN)
+    def _draw(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], UInt32[ndarray, "h w"]]:
+        """Labels where points were drawn, else OPEN; the parts of stuff that were drawn."""
+        parts, depths = draw_points(self.cloud.points, self.stuff.parts, frame.view.camera, POINT_SIZE)
+        drawn = self.stuff.label_of_part[parts]
+        draw_objects(self.cloud, frame.view, drawn, depths)
+        return np.where(np.isfinite(depths), drawn.astype(np.int32), OPEN), parts
 
     def _learn_colors(self, clip: Clip) -> SkyColors:
         """Learn what sky and surfaces look like in a few steps of the clip."""
@@ -107,13 +167,13 @@ class AnnotationLabels:
         chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
         for frame in clip.training_frames:
             if frame.view.index in chosen:
-                image, surface = frame.load_image(), self._draw(frame) != OPEN
+                image, surface = frame.load_image(), self._draw(frame)[0] != OPEN
                 colors.add(image, find_certain_sky(surface, image, frame.view.camera), surface)
         return colors
 
     def _compute_limits(self, width: int) -> Float32[ndarray, " l"]:
         limits = np.full(self._sky + 1, REACH, np.float32)
-        limits[[number for number, one in self.instances.items() if one.class_name in WIDE_SURFACES]] = WIDE_REACH
+        limits[[number for number, one in self.cloud.instances.items() if one.class_name in WIDE_SURFACES]] = WIDE_REACH
         limits[self._sky] = SKY_REACH
         return limits * np.float32(width)
 

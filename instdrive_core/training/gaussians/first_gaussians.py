@@ -33,6 +33,8 @@ MIN_ACTOR_POINTS = 30
 """A moving object hit less often stays out: nothing could be learned of its shape."""
 _MIN_SCENE_RADIUS = 10.0
 """Metres; keeps the means' learning rate sane where the car hardly moves."""
+_RADIUS_STEPS = 30
+"""Time steps whose cameras give the radius; presets are made for so many."""
 _SKY_VIEWS, _SKY_STRIDE = 48, 16
 """Photos, and of them one sky pixel in so many, that the sky's mean colour is taken from."""
 
@@ -98,9 +100,17 @@ def build_initial_scene(
 
 
 def compute_scene_radius(views: ViewStore) -> float:
-    """Compute the largest distance (metres) of a camera from the cameras' mean position, at least 10 m."""
+    """Compute the largest distance (metres) of a camera from the mean position of the cameras within 30 time steps, at
+    least 10 m.
+
+    Steps and sizes of Gaussians follow it, and those of a street do not grow with the way that is driven along it.
+    """
     centers = np.stack([facts.camera.position for facts in views.facts])
-    return max(_MIN_SCENE_RADIUS, float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max()))
+    steps = np.array([facts.step for facts in views.facts])
+    starts = np.arange(steps.min(), max(steps.min(), steps.max() - _RADIUS_STEPS + 1) + 1)
+    stretches = [centers[(steps >= start) & (steps < start + _RADIUS_STEPS)] for start in starts]
+    reach = [np.linalg.norm(part - part.mean(axis=0), axis=1).max() for part in stretches if len(part)]
+    return max(_MIN_SCENE_RADIUS, float(max(reach)))
 
 
 def compute_mean_sky_color(views: ViewStore) -> Float32[ndarray, "3"]:

@@ -17,20 +17,26 @@ def sum_by_group(observed: MaskWeights, groups: Integer[ndarray, " n"], count: i
     entries = (np.ones(len(chosen), np.float32), (groups[chosen], chosen))
     summed = csr_array(csr_array(entries, shape=(count, len(groups))) @ observed.weights)
     summed.sort_indices()
-    return MaskWeights(summed, observed.view_of_mask)
+    return MaskWeights(summed, observed.view_of_mask, observed.layers)
 
 
 def compute_agreements(observed: MaskWeights, pairs: Integer[ndarray, "e 2"]) -> Float32[ndarray, " e"]:
     """Compute how much the two rows of each pair are in the same masks: 0 to 1, or -1 where no photo shows both.
 
     In one photo it is Σ_m min(p_m, q_m), with p and q the shares of either's weight that lie in mask m. Photos are
-    averaged, each with the weight of the one that it shows less of. A mask that is missing says nothing; one that a
-    segmenter split or merged by mistake is outvoted by the other photos.
+    averaged, each with the weight of the one that it shows less of. Where a photo has several layers of masks, the one
+    counts in which the two agree most: parts of an object agree by the mask of the whole. A mask that is missing says
+    nothing; one that a segmenter split or merged by mistake is outvoted by the other photos.
     """
     result = np.empty(len(pairs), np.float32)
     matrix = observed.weights
-    arrays = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int32), matrix.data.astype(np.float32))
-    _agree(*arrays, observed.view_of_mask.astype(np.int32), np.ascontiguousarray(pairs, np.int64), result)
+    arrays = (
+        matrix.indptr.astype(np.int64),
+        matrix.indices.astype(np.int32, copy=False),
+        matrix.data.astype(np.float32, copy=False),
+    )
+    numbers = observed.view_of_mask.astype(np.int32, copy=False)
+    _agree(*arrays, numbers, observed.layers, np.ascontiguousarray(pairs, np.int64), result)
     return result
 
 
@@ -60,11 +66,12 @@ def _overlap(masks, values, a, a_end, b, b_end):
 
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
-def _agree(starts, masks, values, view_of_mask, pairs, result):
+def _agree(starts, masks, values, view_of_mask, layers, pairs, result):
     for pair in numba.prange(len(pairs)):
         a, b = starts[pairs[pair, 0]], starts[pairs[pair, 1]]
         a_end, b_end = starts[pairs[pair, 0] + 1], starts[pairs[pair, 1] + 1]
         agreed, weight = 0.0, 0.0
+        photo, best_shared, best_weight = -1, 0.0, 0.0
         while a < a_end and b < b_end:
             view_a, view_b = view_of_mask[masks[a]], view_of_mask[masks[b]]
             next_a, next_b = a, b
@@ -74,7 +81,13 @@ def _agree(starts, masks, values, view_of_mask, pairs, result):
                 next_b = find_end_of_view(masks, view_of_mask, b, b_end)
             if view_a == view_b:
                 shared, smaller = _overlap(masks, values, a, next_a, b, next_b)
-                agreed += smaller * shared
-                weight += smaller
+                if view_a // layers != photo:
+                    agreed += best_weight * best_shared
+                    weight += best_weight
+                    photo, best_shared, best_weight = view_a // layers, -1.0, 0.0
+                if shared > best_shared:
+                    best_shared, best_weight = shared, smaller
             a, b = next_a, next_b
+        agreed += best_weight * best_shared
+        weight += best_weight
         result[pair] = agreed / weight if weight > 0 else -1.0

@@ -7,11 +7,17 @@ from math import sqrt
 
 import numba
 import numpy as np
-from jaxtyping import Float32, Int32, Integer
+from jaxtyping import Float32, Int32, Int64, Integer, UInt16
 from numpy import ndarray
 from scipy.sparse import csr_array
 
-from instdrive_core.rasterize.kernels.blend_weights import apply_weights, compact_weights, transpose_weights
+from instdrive_core.masks.label_map_folder import MAX_LAYERS
+from instdrive_core.rasterize.kernels.blend_weights import (
+    BlendWeights,
+    apply_weights,
+    compact_weights,
+    transpose_weights,
+)
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import compute_view_weights
 from instdrive_core.training.views.training_view import TrainingView
@@ -28,73 +34,146 @@ class MaskWeights:
     weights: csr_array
     """(n, m) float32: Gaussian × mask; the masks of a row rise."""
     view_of_mask: Int32[ndarray, " m"]
-    """Number of the view that each mask lies in; rising."""
+    """Number of the label map that each mask lies in: number of the view times `layers`, plus the layer; rising."""
+    layers: int = 1
+    """Label maps of each view. Masks of one label map do not overlap."""
+    unmasked: Float32[ndarray, " n"] | None = None
+    """Weight of each Gaussian in pixels that no mask covers, sky and ego vehicle left out."""
 
     def __len__(self) -> int:
         return len(self.weights.indptr) - 1
 
     def select_rows(self, rows: Integer[ndarray, " v"]) -> MaskWeights:
         """Select the given Gaussians."""
-        return MaskWeights(self.weights[rows], self.view_of_mask)
+        unmasked = None if self.unmasked is None else self.unmasked[rows]
+        return MaskWeights(self.weights[rows], self.view_of_mask, self.layers, unmasked)
 
     def sum_weights(self) -> Float32[ndarray, " n"]:
         """Sum the weight of each Gaussian over all masks."""
         return np.asarray(self.weights.sum(axis=1), np.float32).ravel()
 
+    def compute_unmasked_shares(self) -> Float32[ndarray, " n"]:
+        """Compute the share of each Gaussian's weight that no mask covers; 0 where it was not seen."""
+        if self.unmasked is None:
+            return np.zeros(len(self), np.float32)
+        masked = self.sum_weights() / self.layers
+        return self.unmasked / np.maximum(self.unmasked + masked, 1e-6)
 
-def measure_mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) -> MaskWeights:
-    """Look at every view that has masks; pixels with less than `min_alpha` opacity are left out.
+
+def measure_mask_weights(
+    model: SceneModel, store: ViewStore, min_alpha: float, with_unmasked: bool = False
+) -> MaskWeights:
+    """Look at every view that has masks, layer by layer; pixels with less than `min_alpha` opacity are left out.
+
+    `with_unmasked` looks at pixels in no mask as well.
 
     The model is on the CPU. The same input gives the same bits, whatever the number of threads.
     """
-    parts: list[tuple[ndarray, ndarray, ndarray]] = []
+    parts: list[_ViewWeights] = []
     view_of_mask: list[int] = []
+    unmasked = np.zeros(len(model), np.float32)
+    layers = 1
     for number in range(len(store)):
         store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(store)))])
         view = store.get(number)
-        if view.labels is None or not view.labels.any():
+        if not any(layer.any() for layer in view.layers):
             continue
-        rows, masks, values, count = _weights_in_masks(model, view, number, min_alpha)
-        parts.append((rows, masks + len(view_of_mask), values))
-        view_of_mask += [number] * count
+        layers = max(layers, len(view.layers))
+        rows, weights, pixels = _look_at_grid(model, view, number, min_alpha, with_unmasked)
+        labels = [layer.ravel()[pixels] for layer in view.layers]
+        for layer, labels_of_pixels in enumerate(labels):
+            local, masks, values, count = _sum_in_masks(weights, labels_of_pixels, len(rows))
+            used, counts = np.unique(rows[local].astype(np.int32), return_counts=True)
+            parts.append(_ViewWeights(used, counts.astype(np.int32), masks + np.int32(len(view_of_mask)), values))
+            view_of_mask += [number * MAX_LAYERS + layer] * count
+        if with_unmasked:
+            bare = weights.select_pixels(~np.any(labels, axis=0))
+            unmasked[rows] += np.bincount(bare.rows, bare.weights, len(rows)).astype(np.float32)
     store.release()
-    return MaskWeights(_by_gaussian(parts, (len(model), len(view_of_mask))), np.array(view_of_mask, np.int32))
+    numbers = np.array(view_of_mask, np.int32)
+    numbers = numbers // MAX_LAYERS * layers + numbers % MAX_LAYERS
+    weights_in_masks = _by_gaussian(parts, (len(model), len(view_of_mask)))
+    return MaskWeights(weights_in_masks, numbers, layers, unmasked if with_unmasked else None)
 
 
-def _weights_in_masks(
-    model: SceneModel, view: TrainingView, number: int, min_alpha: float
-) -> tuple[Int32[ndarray, " k"], Int32[ndarray, " k"], Float32[ndarray, " k"], int]:
-    """Gaussians, masks counted from 0 and weights of one view, sorted by Gaussian, then mask; the number of masks."""
-    assert view.labels is not None
-    pixels = _grid_pixels(view.labels, number)
+def _look_at_grid(
+    model: SceneModel, view: TrainingView, number: int, min_alpha: float, with_unmasked: bool
+) -> tuple[Int64[ndarray, " v"], BlendWeights, Int64[ndarray, " p"]]:
+    """Rows of Gaussians that a view may show, their weights in the opaque pixels of its grid, and these pixels."""
+    pixels = _list_grid_pixels(view, number, with_unmasked)
     rows, weights = compute_view_weights(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
-    weights, pixels = weights.select_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
-    used, weights = compact_weights(weights, len(rows))
-    labels, mask_of_pixel = np.unique(view.labels.ravel()[pixels], return_inverse=True)
+    return rows, weights.select_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
+
+
+def _sum_in_masks(
+    weights: BlendWeights, labels: UInt16[ndarray, " p"], size: int
+) -> tuple[Int64[ndarray, " k"], Int32[ndarray, " k"], Float32[ndarray, " k"], int]:
+    """Gaussians, masks counted from 0 and weights of one label map, sorted by Gaussian, then mask; number of masks."""
+    used, weights = compact_weights(weights.select_pixels(labels > 0), size)
+    present, mask_of_pixel = np.unique(labels[labels > 0], return_inverse=True)
     by_gaussian = transpose_weights(weights, len(used))
     arrays = (by_gaussian.indptr, by_gaussian.rows, by_gaussian.weights, mask_of_pixel.astype(np.int32))
-    local, masks, values = _sums_by_mask(*arrays, len(labels))
-    return rows[used[local]].astype(np.int32), masks, values, len(labels)
+    local, masks, values = _sums_by_mask(*arrays, len(present))
+    return used[local], masks, values.copy(), len(present)  # a slice would keep the room for all pixels in memory
 
 
-def _grid_pixels(labels: Integer[ndarray, "h w"], number: int) -> Integer[ndarray, " p"]:
-    """Flat indices of the masked pixels on the view's grid, rising."""
-    step = max(1, round(sqrt(labels.size / PIXELS_PER_VIEW)))
+def _list_grid_pixels(view: TrainingView, number: int, with_unmasked: bool) -> Int64[ndarray, " p"]:
+    """Flat indices of the pixels on the view's grid that a mask covers, or else could cover, rising."""
+    shape = view.image.shape[:2]
+    step = max(1, round(sqrt(shape[0] * shape[1] / PIXELS_PER_VIEW)))
     top, left = number % step, number // step % step
-    shown = np.zeros(labels.shape, bool)
-    shown[top::step, left::step] = labels[top::step, left::step] > 0
-    return np.flatnonzero(shown)
+    on_grid = np.zeros(shape, bool)
+    on_grid[top::step, left::step] = True
+    looked_at = np.any(view.layers, axis=0)
+    if with_unmasked:
+        could_be = np.ones(shape, bool) if view.sky is None else ~view.sky
+        looked_at |= could_be if view.valid is None else could_be & view.valid
+    return np.flatnonzero(on_grid & looked_at)
 
 
-def _by_gaussian(parts: list[tuple[ndarray, ndarray, ndarray]], shape: tuple[int, int]) -> csr_array:
-    """One matrix of all views; their masks follow one another, so a stable sort by Gaussian keeps them rising."""
-    if not parts:
-        return csr_array(shape, dtype=np.float32)
-    rows, masks, values = (np.concatenate([part[column] for part in parts]) for column in range(3))
-    order = np.argsort(rows, kind="stable")
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=shape[0]))])
-    return csr_array((values[order], masks[order], indptr), shape=shape)
+@dataclass(frozen=True)
+class _ViewWeights:
+    """Weights of one view, Gaussian by Gaussian."""
+
+    rows: Int32[ndarray, " u"]
+    """Gaussians that it shows, rising."""
+    counts: Int32[ndarray, " u"]
+    """In how many of its masks each lies."""
+    masks: Int32[ndarray, " k"]
+    values: Float32[ndarray, " k"]
+
+
+def _by_gaussian(parts: list[_ViewWeights], shape: tuple[int, int]) -> csr_array:
+    """One matrix of all views, whose masks follow one another. Empties `parts` on the way: for a whole drive the
+    weights are the largest thing in memory, and are held twice at most."""
+    indptr = np.zeros(shape[0] + 1, np.int64)
+    for part in parts:
+        indptr[part.rows + 1] += part.counts
+    np.cumsum(indptr, out=indptr)
+    total = int(indptr[-1])
+    masks, values = np.empty(total, np.int32), np.empty(total, np.float32)
+    places = indptr[:-1].copy()
+    parts.reverse()
+    while parts:
+        part = parts.pop()
+        _place_view(part.rows, part.counts, part.masks, part.values, places, masks, values)
+    if total <= np.iinfo(np.int32).max:
+        indptr = indptr.astype(np.int32)
+    return csr_array((values, masks, indptr), shape=shape)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _place_view(rows, counts, masks, values, places, all_masks, all_values):
+    """Write a view's weights behind those of the views before it; `places` moves on."""
+    entry = 0
+    for k in range(len(rows)):
+        place = places[rows[k]]
+        for _ in range(counts[k]):
+            all_masks[place], all_values[place] = masks[entry], values[entry]
+            place += 1
+            entry += 1
+        places[rows[k]] = place
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -12,6 +12,7 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.instances.components import split_components
 from instdrive_core.instances.id_assignment import number_by_size
 from instdrive_core.instances.table import build_instance_table
+from instdrive_core.rasterize.sky_evidence import fill_scene_sky
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
@@ -35,7 +36,7 @@ def export_trained_scene(
         ids = _instance_ids(gaussians, model.nodes, learned, config)
         classes = find_instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in actors])
     names = make_display_names(ids, classes)
-    return Scene(
+    scene = Scene(
         gaussians=gaussians,
         instance_ids=ids,
         codewords=codewords,
@@ -48,6 +49,7 @@ def export_trained_scene(
         exposures=exposures,
         code_bits=learned.code_bits if learned is not None else 0,
     )
+    return replace(scene, sky=fill_scene_sky(scene))
 
 
 def _instance_ids(

@@ -15,7 +15,10 @@ from numpy import ndarray
 from instdrive_core.instances.codebook import decode_codewords
 from instdrive_core.instances.interiors import fill_compact_objects, fill_from_nearest
 from instdrive_core.instances.separated_codes import generate_separated_codewords
+from instdrive_core.instances.similarity import fill_from_similar
 from instdrive_core.maths.activations import sigmoid
+from instdrive_core.maths.rotations import matrix_from_quaternion
+from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.affinity_graph import merge_groups
 from instdrive_core.training.instances.instance_learner import LearnedInstances
@@ -34,12 +37,15 @@ def vote_instances(
 ) -> LearnedInstances:
     """Learn one codeword per object by votes (an `InstanceLearner`); a moving object is one by its track."""
     on_note(f"looking at the masks of {sum(photo.has_masks for photo in store.facts)} photos")
-    observed = measure_mask_weights(model, store, config.instances.min_alpha)
+    refills = config.graph.max_unmasked < 1
+    observed = measure_mask_weights(model, store, config.instances.min_alpha, with_unmasked=refills)
     means = model.parameters["means"].detach().numpy()
     groups = _first_groups(observed, means, model.nodes, config.graph)
     voting = np.flatnonzero(groups >= 0)
     fixed = model.nodes[voting] > 0
     groups[voting] = vote_groups(observed.select_rows(voting), groups[voting], fixed, config.graph)
+    if refills:
+        groups = _refill_unmasked(groups, observed, model, config.graph)
     groups = fill_from_nearest(groups, means, model.nodes)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
     groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, compute_vote_shares(observed, groups))
@@ -48,6 +54,21 @@ def vote_instances(
     on_note(f"{len(observed.view_of_mask):,} masks show {len(codes)} objects: codewords of {bits} bits")
     codewords = codes[groups]
     return LearnedInstances(codewords, _FEATURE * decode_codewords(codewords, bits), bits, whole=True)
+
+
+def _refill_unmasked(
+    groups: Int64[ndarray, " n"], observed: MaskWeights, model: SceneModel, config: GraphConfig
+) -> Int64[ndarray, " n"]:
+    """Ask neighbours that look alike where hardly any mask speaks: stray weight of masks nearby would decide else."""
+    unknown = (observed.compute_unmasked_shares() > config.max_unmasked) & (model.nodes == 0)
+    parameters = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "sh_dc")}
+    axes = matrix_from_quaternion(parameters["quats"].astype(np.float64))
+    thinnest = np.argmin(parameters["log_scales"], axis=1)
+    normals = axes[np.arange(len(axes)), :, thinnest]
+    colors = color_from_dc(parameters["sh_dc"])
+    return fill_from_similar(
+        groups, unknown, parameters["means"], colors, normals, model.nodes, config.similar_neighbors
+    )
 
 
 def _first_groups(observed: MaskWeights, means: ndarray, nodes: ndarray, config: GraphConfig) -> Int64[ndarray, " n"]:

@@ -161,6 +161,11 @@ class GraphConfig:
     """Share of Gaussians that change, below which voting ends."""
     min_fit: float = 0.2
     """Groups that fit their masks less (mean of the best IoU per photo) are fragments and are given away."""
+    max_unmasked: float = 1.0
+    """Gaussians that show more than this share of their weight where no mask is take the ID of similar neighbours; 1 =
+    none do."""
+    similar_neighbors: int = 16
+    """Neighbours among which the most similar one is chosen."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +215,10 @@ class TrainConfig:
 
 
 def use_printed_losses(instances: InstanceConfig) -> InstanceConfig:
-    """Set the paper's own choices: raw features, 1/d² (ε = 1e-4), weights 0.1, d = 8, trained with the RGB term."""
+    """Set the paper's own choices: raw features, 1/d² (ε = 1e-4), weights 0.1, d = 8, trained with the RGB term.
+
+    The paper tells no learning rate; features take that of 3DGS for colours.
+    """
     return replace(
         instances,
         learned_by="losses",
@@ -227,8 +235,8 @@ def use_printed_losses(instances: InstanceConfig) -> InstanceConfig:
     )
 
 
-def use_printed_rates(geometry: GeometryConfig) -> GeometryConfig:
-    """Set the learning rates that 3DGS prints, for runs as long as its own."""
+def use_long_run_rates(geometry: GeometryConfig) -> GeometryConfig:
+    """Set the learning rates of 3DGS, for runs as long as its own."""
     return replace(
         geometry,
         means_lr=1.6e-4,
@@ -255,7 +263,7 @@ def build_train_config(method: Method = "instdrive", preset: Preset = "quick", s
         config = replace(
             config,
             init=InitConfig(lidar_points=800_000, near_points=100_000, far_points=100_000, actor_points=5_000),
-            geometry=use_printed_rates(replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3)),
+            geometry=use_long_run_rates(replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3)),
             densify=replace(config.densify, max_gaussians=1_500_000),
             instances=replace(config.instances, iterations=10_000),
         )

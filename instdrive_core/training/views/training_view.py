@@ -31,6 +31,13 @@ class TrainingView:
     """Flat indices of pixels with a LiDAR depth."""
     depth_values: Float32[ndarray, " k"]
     """Metres along the optical axis."""
+    overlaps: tuple[UInt16[ndarray, "h w"], ...] = ()
+    """Further layers of instance masks where masks overlap (`FrameMasks.overlaps`)."""
+
+    @property
+    def layers(self) -> tuple[UInt16[ndarray, "h w"], ...]:
+        """All layers of instance masks; none where the run has no masks."""
+        return () if self.labels is None else (self.labels, *self.overlaps)
 
     def halve(self) -> TrainingView:
         """Copy the view at half the resolution, for the coarse part of training."""
@@ -63,6 +70,7 @@ class TrainingView:
             thin(self.sky),
             pixels,
             depths,
+            tuple(np.ascontiguousarray(layer[: height * 2 : 2, : width * 2 : 2]) for layer in self.overlaps),
         )
 
 
@@ -81,8 +89,11 @@ def build_training_view(frame: Frame, masks: FrameMasks | None, depths: Depths) 
 
     Raises DataError where the photo is damaged.
     """
-    labels, sky = (masks.labels, masks.sky) if masks else (None, None)
-    if labels is not None and frame.valid is not None:
-        labels = np.where(frame.valid, labels, 0).astype(np.uint16)
-    view = frame.view
-    return TrainingView(frame.key, view.camera, view.time, frame.load_image(), frame.valid, labels, sky, *depths)
+    layers = (masks.labels, *masks.overlaps) if masks else (None,)
+    if frame.valid is not None:
+        layers = tuple(None if layer is None else np.where(frame.valid, layer, 0).astype(np.uint16) for layer in layers)
+    labels, *overlaps = layers
+    sky, view, image = masks.sky if masks else None, frame.view, frame.load_image()
+    return TrainingView(
+        frame.key, view.camera, view.time, image, frame.valid, labels, sky, *depths, overlaps=tuple(overlaps)
+    )

@@ -5,6 +5,8 @@ from imgui_bundle import imgui
 
 from instdrive_app.action import Action, ActionRegistry
 from instdrive_app.actions import register_actions
+from instdrive_app.actions.conditions import explain_disabled
+from instdrive_app.panels.dialogs.command_palette import _list_matches
 from instdrive_app.panels.menus import parse_shortcut
 from instdrive_app.panels.widgets.ui import get_icon
 from instdrive_app.panels.window_menu import list_panel_actions
@@ -67,6 +69,18 @@ def test_with_a_scene_every_action_runs(session):
             if action.id not in ("file.sample", "file.quit"):
                 session.actions.run(action.id)
                 session.tick(0.01)
+
+
+@pytest.mark.parametrize("word", ["screenshot", "picture", "camera", "crop", "video"])
+def test_the_palette_knows_the_words_of_other_programs(session, word):
+    assert _list_matches(word, session.actions)
+
+
+def test_what_cannot_run_says_why(session, empty):
+    assert explain_disabled(session, session.actions["deletion.fill"]) == "There is no hole to fill"
+    assert explain_disabled(session, session.actions["edit.delete"]) == "Select something first"
+    register_actions(empty)
+    assert explain_disabled(empty, empty.actions["edit.delete"]) == "Open a scene first"
 
 
 def test_an_action_is_registered_once_and_takes_no_others_keys():

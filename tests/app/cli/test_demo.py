@@ -39,7 +39,7 @@ def test_evaluation_finds_objects_that_no_control_would(demo_folder):
     figures = json.loads((demo_folder / "eval.json").read_text())
     assert figures["psnr"] > 20
     assert figures["scene"]["miou"] > 0.5
-    assert figures["scene"]["miou"] > 0.8 * figures["scene"]["oracle_miou"]
+    assert figures["scene"]["miou"] > 0.8 * figures["scene"]["reference_miou"]
     assert figures["click"]["hit_rate"] > 0.5
     assert figures["lidar"]["ap50"] > 0.3
     assert figures["masks"] == "exact"

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from parked_street import CAR, OTHER_CAR, ROAD, parked_street
+from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, ROAD, parked_street
 from session_driver import finish
 
 from instdrive_app.actions import register_actions
@@ -10,7 +10,11 @@ from instdrive_app.panels.overlays.hole_pattern import build_hole_pattern, proje
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.delete import DeleteRows
+from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.formats.registry import save_scene
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.selection import Flag
 
@@ -148,7 +152,90 @@ def test_nothing_is_told_where_very_many_instances_were_deleted(session, monkeyp
     monkeypatch.setattr("instdrive_app.session.deletion_review.MOST_INSTANCES", 1)
     session.deletion.delete((CAR,))
     finish(session)
-    assert session.deletion.review.findings is not None
+    found = session.deletion.review.findings
+    assert found is not None
     session.deletion.delete((OTHER_CAR, ROAD))
     assert session.jobs.current is None
+    assert session.deletion.review.pending == (found,), "what was found before waits"
+
+
+@pytest.fixture
+def two_holes(session):
+    """The session on a street whose other car hides bare ground, too."""
+    document = Document(parked_street().scene)
+    away = np.abs(document.scene.gaussians.means[:, :2] - CAR_CENTER[:2] - [0, 6.5])
+    is_ground = np.isin(document.scene.instance_ids, (ROAD, 2))
+    document.apply(DeleteRows(np.flatnonzero(is_ground & (away < CAR_SIZE[:2] / 2).all(axis=1))))
+    session.show(Document(bake_document(document)))
+    return session
+
+
+def test_holes_wait_while_other_things_are_deleted_and_one_is_dismissed(two_holes):
+    session = two_holes
+    for number in (CAR, OTHER_CAR):
+        session.deletion.delete((number,))
+        finish(session)
+    review = session.deletion.review
+    assert [found.report.name for found in review.pending] == ["Car 7", "Car 8"]
+    session.actions.run("deletion.clear")
+    assert len(review.pending) == 1, "only the report that is shown is dismissed"
+    session.history.undo()
+    assert review.findings.report.parts[0].instance_id == CAR
+
+
+def test_all_holes_are_filled_one_after_the_other(two_holes):
+    session = two_holes
+    for number in (CAR, OTHER_CAR):
+        session.deletion.delete((number,))
+        finish(session)
+    holes = sum(found.hole is not None for found in session.deletion.review.pending)
+    assert session.actions.run("deletion.fill_all")
+    finish(session)
+    finish(session)
+    kinds = [edit.kind for edit in session.document.history.done]
+    assert kinds.count("fill_hole") == holes == 2
+    assert all(found.hole is None for found in session.deletion.review.pending)
+
+
+def test_the_place_that_a_moved_car_leaves_is_offered_once(session):
+    session.history.apply(MoveInstances((CAR,), (0.0, 20.0, 0.0)))
+    session.tick(0.1)
+    finish(session)
+    assert session.deletion.review.findings is None, "it may be moved on"
+    session.tick(1.0)
+    finish(session)
+    found = session.deletion.review.findings
+    assert found.title == "Moved Car 7"
+    deleted = report_deletion(Document(parked_street().scene), (CAR,), 0.0)
+    assert found.report.hole_area == pytest.approx(deleted.hole_area, rel=0.3)
+    session.history.apply(MoveInstances((CAR,), (0.0, 5.0, 0.0)))
+    for _ in range(3):
+        session.tick(1.0)
+        finish(session)
+    assert len(session.deletion.review.pending) == 1
+    session.deletion.review.fill()
+    finish(session)
     assert session.deletion.review.findings is None
+    assert session.document.history.done[-1].title == f"Fill hole of {found.report.fill_area:.1f} m²"
+
+
+def test_holes_are_offered_again_after_saving_and_reopening(two_holes, tmp_path):
+    session = two_holes
+    save_scene(tmp_path / "street", session.document.scene)
+    session.files.open(tmp_path / "street")
+    finish(session)
+    for number in (CAR, OTHER_CAR):
+        session.deletion.delete((number,))
+        finish(session)
+    session.deletion.review.fill()
+    finish(session)
+    assert [found.deletion.ids for found in session.deletion.review.pending if found.hole] == [(CAR,)]
+    session.files.save(tmp_path / "work.instdrive")
+    finish(session)
+    session.files.open(tmp_path / "work.instdrive")
+    finish(session)
+    pending = [found for found in session.deletion.review.pending if found.hole]
+    assert [found.deletion.ids for found in pending] == [(CAR,)]
+    session.deletion.review.fill()
+    finish(session)
+    assert not [found for found in session.deletion.review.pending if found.hole]

@@ -12,7 +12,7 @@ from instdrive_app.action import Action, ActionRegistry
 from instdrive_app.actions import register_actions
 from instdrive_app.messages import Messages
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.state import ViewMode
+from instdrive_app.state import ViewMode, resolve
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.formats.registry import open_scene, save_scene
@@ -256,3 +256,19 @@ def test_toasts_fade_and_the_log_stays():
     messages.dismiss()
     assert messages.toasts == ()
     assert len(messages.log) == 2
+
+
+def test_what_is_shown_alone_stands_before_a_plain_backdrop(session):
+    def draws_sky():
+        session.tick(0.0)
+        return resolve(session.state, 64, 48).show_sky
+
+    assert draws_sky()
+    session.visibility.solo.enter((FIRST_CAR,))
+    assert not draws_sky()
+    session.history.undo()
+    assert draws_sky()
+    session.history.redo()
+    assert not draws_sky()
+    session.actions.run("view.plain_solo")
+    assert draws_sky()

@@ -7,8 +7,10 @@ import pytest
 from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.camera import frame_scene, look_straight_down
+from instdrive_app.camera import look_straight_down
+from instdrive_app.framing import frame_scene
 from instdrive_app.panels.dialogs.turn_upright import describe_guess, describe_turn
+from instdrive_app.panels.overlays.upright_bar import describe_offer
 from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
@@ -172,3 +174,25 @@ def test_the_dialog_says_what_will_happen_and_how_it_knows(session):
     session.orientation.guess_up()
     finish(session)
     assert describe_guess(session.orientation.estimate) == "Guess: +Z, according to the photos' cameras."
+
+
+def test_the_bar_turns_flips_and_leaves(session):
+    rng = np.random.default_rng(4)
+    ball = procedural_street().gaussians.select(rng.integers(0, 2000, 600))
+    ball.means[:] = rng.normal(0, 1, (600, 3))
+    session.show(Document(scene_from_gaussians(ball)))
+    finish(session)
+    orientation = session.orientation
+    assert not orientation.offer.estimate.confident, "nothing says what is up in a ball"
+    assert describe_offer(orientation.offer) == "Nothing says which way is up in this scene"
+    orientation.accept_offer()
+    np.testing.assert_allclose(session.document.orientation[:, :3] @ DOWN, [0, 0, 1], atol=1e-9)
+    assert orientation.offer.is_answered
+    orientation.flip()
+    np.testing.assert_allclose(session.document.orientation[:, :3] @ DOWN, [0, 0, -1], atol=1e-9)
+    orientation.dismiss_offer()
+    assert orientation.offer is None
+    assert session.document.history.cursor == 2
+    session.show(Document(procedural_street()))
+    finish(session)
+    assert orientation.offer is None, "own scenes are upright"

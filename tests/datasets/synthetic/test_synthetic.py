@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 from pathlib import Path
@@ -79,7 +80,7 @@ def test_holds_the_files_of_pandaset_and_the_labels_beside_them(clip: Path) -> N
     expected |= {f"{folder}/{step}.pkl.gz" for step in steps
                  for folder in ("lidar", "annotations/cuboids", "annotations/semseg")}  # fmt: skip
     expected |= {"lidar/poses.json", "lidar/timestamps.json", "annotations/semseg/classes.json"}
-    expected |= {"meta/gps.json", "meta/timestamps.json", "labels/instances.json"}
+    expected |= {"meta/gps.json", "meta/timestamps.json", "labels/instances.json", "labels/street.json"}
     expected |= {f"labels/{name}/{step}.png" for name in cameras for step in steps}
     expected |= {f"labels/sky/{name}/{step}.png" for name in cameras for step in steps}
     expected |= {f"labels/lidar/{step}.npy" for step in steps}
@@ -93,6 +94,8 @@ def test_tables_have_the_columns_and_types_of_pandaset(clip: Path, pandaset_clip
         real = read_pickle(pandaset_clip / folder / f"{theirs}.pkl.gz")
         assert list(mine) == list(real)
         assert [column.dtype for column in mine.values()] == [column.dtype for column in real.values()]
+        # pandas' own kinds of text change with its version and with pyarrow at hand.
+        assert b"StringArray" not in gzip.decompress((clip / folder / f"{ours}.pkl.gz").read_bytes())
     classes = "annotations/semseg/classes.json"
     assert json.loads((clip / classes).read_text()) == json.loads((pandaset_clip / classes).read_text())
 
@@ -323,7 +326,7 @@ def test_refuses_a_folder_that_holds_something(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.parametrize("options", [{"steps": 0}, {"steps": 101}, {"width": 4}, {"seed": -1}])
+@pytest.mark.parametrize("options", [{"steps": 0}, {"steps": 401}, {"width": 4}, {"seed": -1}])
 def test_refuses_options_out_of_range(options: dict[str, int]) -> None:
     with pytest.raises(OptionError, match=next(iter(options))):
         StreetConfig(**options)

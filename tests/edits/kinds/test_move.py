@@ -324,3 +324,17 @@ def test_what_is_drawn_of_some_rows_is_what_is_exported():
     for name, array in drawn.arrays().items():
         np.testing.assert_allclose(array, getattr(exported, name)[rows], atol=2e-6, err_msg=name)
     np.testing.assert_allclose(document.compute_means(rows), drawn.means, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "title"),
+    [
+        ({"translation": (1.0, 0.0, 0.0)}, "Move instance 11"),
+        ({"rotation": (0.9, 0.0, 0.0, 0.4), "pivot": (1.0, 2.0, 0.0)}, "Rotate instance 11"),
+        ({"scale": 1.5}, "Scale instance 11"),
+        ({"on_ground": True}, "Put instance 11 on the ground"),
+        ({"scale": 1.5, "rotation": (0.9, 0.0, 0.0, 0.4)}, "Move instance 11"),
+    ],
+)
+def test_the_title_says_what_was_done(parameters, title):
+    assert MoveInstances((11,), **parameters).title == title

@@ -232,6 +232,26 @@ class WindowDriver:
         for modifier in modifiers:
             self._xdotool("keyup", modifier)
 
+    def double_click(self, x, y):
+        """Press and release twice, as fast as the window takes it."""
+        self.move(x, y)
+        self.wait_for_frames()
+        self._xdotool(*("mousedown", 1, "mouseup", 1) * 2)
+        self._clicked = (x, y, time.monotonic())
+        self.wait_for_frames(4)
+
+    def wheel(self, x, y, notches, *modifiers):
+        """Turn the wheel at a place, up by so many notches (negative: down), with modifier keys held."""
+        self.move(x, y)
+        for modifier in modifiers:
+            self._xdotool("keydown", modifier)
+        self.wait_for_frames()
+        for _ in range(abs(notches)):
+            self._xdotool("click", 4 if notches > 0 else 5)
+            self.wait_for_frames()
+        for modifier in modifiers:
+            self._xdotool("keyup", modifier)
+
     def click_widget(self, name, *modifiers, button=1):
         """Click the middle of a widget."""
         self.click(*self.wait_for_widget(name), *modifiers, button=button)

@@ -240,6 +240,8 @@ def test_the_scenes_radius_spans_the_cameras():
 
     assert compute_scene_radius(ViewStore.from_views([at(0.0), at(60.0)])) == pytest.approx(30)
     assert compute_scene_radius(ViewStore.from_views([at(0.0), at(1.0)])) == 10
+    apart = [replace(at(2.0 * step), key=f"front/{step:02d}") for step in range(100)]
+    assert compute_scene_radius(ViewStore.from_views(apart)) == pytest.approx(29), "of 30 steps, however long the way"
 
 
 def test_the_skys_colour_is_the_mean_over_its_masks():

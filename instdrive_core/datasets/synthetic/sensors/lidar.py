@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8, UInt32
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
+from instdrive_core.datasets.synthetic.sensors.raytrace import Rays
 from instdrive_core.datasets.synthetic.world.materials import MaterialTable
 from instdrive_core.datasets.synthetic.world.rig import LIDAR_BLIND_RANGE, LIDAR_RANGE, compute_lidar_directions
 from instdrive_core.datasets.synthetic.world.street import StepGeometry
@@ -30,7 +30,7 @@ class LidarSweep:
 
 
 def cast_sweep(
-    rays: RayScene,
+    rays: Rays,
     geometry: StepGeometry,
     materials: MaterialTable,
     semantics: UInt8[ndarray, " ids"],

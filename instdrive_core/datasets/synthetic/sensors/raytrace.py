@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh as EmbreeMesh
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float32, Int32
 from numpy import ndarray
+
+
+@runtime_checkable
+class Rays(Protocol):
+    """Something to cast rays at. Casting from several threads at once is safe and parallel."""
+
+    def find_first_hits(self, origins: Float32[ndarray, "n 3"], directions: Float32[ndarray, "n 3"]) -> Hits:
+        """The nearest hit of each ray; directions are unit vectors."""
+        ...
+
+    def find_occluded(
+        self, origins: Float32[ndarray, "n 3"], directions: Float32[ndarray, "n 3"], reach: float
+    ) -> Bool[ndarray, " n"]:
+        """Whether anything lies within `reach` metres along each ray."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -43,3 +59,32 @@ class RayScene:
         """Whether anything lies within `reach` metres along each ray."""
         limits = np.full(len(origins), reach, np.float32)
         return self._scene.run(origins, directions, dists=limits, query="OCCLUDED") >= 0
+
+
+@dataclass(frozen=True)
+class LayeredRays:
+    """Two sets of triangles as one, so that what stands still need not be built again. The second's rows follow the
+    first's `count`."""
+
+    first: Rays
+    count: int
+    second: Rays
+
+    def find_first_hits(self, origins: Float32[ndarray, "n 3"], directions: Float32[ndarray, "n 3"]) -> Hits:
+        """The nearest hit of each ray; directions are unit vectors."""
+        one, two = (layer.find_first_hits(origins, directions) for layer in (self.first, self.second))
+        nearer = (two.triangles >= 0) & ((one.triangles < 0) | (two.distances < one.distances))
+        triangles = np.where(nearer, two.triangles + np.int32(self.count), one.triangles).astype(np.int32)
+        chosen = (np.where(nearer, b, a) for a, b in zip(_barycentric(one), _barycentric(two), strict=True))
+        return Hits(triangles, *chosen)
+
+    def find_occluded(
+        self, origins: Float32[ndarray, "n 3"], directions: Float32[ndarray, "n 3"], reach: float
+    ) -> Bool[ndarray, " n"]:
+        """Whether anything lies within `reach` metres along each ray."""
+        hidden = self.first.find_occluded(origins, directions, reach)
+        return hidden | self.second.find_occluded(origins, directions, reach)
+
+
+def _barycentric(hits: Hits) -> tuple[ndarray, ndarray, ndarray]:
+    return hits.u, hits.v, hits.distances

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8, UInt16
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
+from instdrive_core.datasets.synthetic.sensors.raytrace import Rays, RayScene
 from instdrive_core.datasets.synthetic.world.light import (
     SIDE,
     SUBSAMPLES,
@@ -43,21 +43,30 @@ class RenderedPhoto:
 class StepRenderer:
     """One time step, ready to be photographed. Threads may share it."""
 
-    def __init__(self, geometry: StepGeometry, materials: MaterialTable, light: Light) -> None:
+    def __init__(
+        self, geometry: StepGeometry, materials: MaterialTable, light: Light, rays: Rays | None = None
+    ) -> None:
         self.geometry, self.materials, self.light = geometry, materials, light
-        self.rays = RayScene(geometry.mesh.corners)
+        self.rays = RayScene(geometry.mesh.corners) if rays is None else rays
 
-    def photograph(self, camera: Camera) -> RenderedPhoto:
+    def photograph(self, camera: Camera, exposure: float = EXPOSURE) -> RenderedPhoto:
         """The view of a camera that is posed in the street's frame; taken in bands that bound memory."""
         image = np.empty((camera.height, camera.width, 3), np.uint8)
         labels = np.empty((camera.height, camera.width), np.uint16)
         band = max(1, MAX_RAYS // (SUBSAMPLES * camera.width))
         for top in range(0, camera.height, band):
             rows = slice(top, min(top + band, camera.height))
-            self._expose(camera, rows, image[rows].reshape(-1, 3), labels[rows].reshape(-1))
+            self.expose(camera, rows, exposure, image[rows].reshape(-1, 3), labels[rows].reshape(-1))
         return RenderedPhoto(image, labels)
 
-    def _expose(self, camera: Camera, rows: slice, image: UInt8[ndarray, "n 3"], labels: UInt16[ndarray, " n"]) -> None:
+    def expose(
+        self,
+        camera: Camera,
+        rows: slice,
+        exposure: float,
+        image: UInt8[ndarray, "n 3"],
+        labels: UInt16[ndarray, " n"],
+    ) -> None:
         """Fill `image` and `labels` with the pixels of some rows."""
         mesh, light = self.geometry.mesh, self.light
         directions = compute_subsample_directions(camera, rows)
@@ -78,7 +87,7 @@ class StepRenderer:
         )  # fmt: skip
         shade_sky(hits.triangles, directions, light.to_sun, light.cloud_seed, radiance)
         ids = np.where(hits.triangles >= 0, self.geometry.instances[hits.triangles], 0)
-        develop_photo(radiance, ids, EXPOSURE, image, labels)
+        develop_photo(radiance, ids, exposure, image, labels)
 
 
 def compute_subsample_directions(camera: Camera, rows: slice) -> Float32[ndarray, "n 3"]:

@@ -48,13 +48,17 @@ def place_bus_stop(places: CurbPlaces, rng: np.random.Generator, palette: Materi
 
 
 def place_lamp_posts(
-    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+    crossing: float,
+    places: CurbPlaces,
+    rng: np.random.Generator,
+    palette: MaterialPalette,
+    street: tuple[float, float] = STREET_SPAN,
 ) -> list[Fixture]:
     """Every 22 m, in turn on either side."""
     fixtures = []
-    start = STREET_SPAN[0] + 4 + rng.uniform(0, 6)
+    start = street[0] + 4 + rng.uniform(0, 6)
     for side in (-1, 1):
-        for y in np.arange(start + (11 if side > 0 else 0), STREET_SPAN[1], 22.0):
+        for y in np.arange(start + (11 if side > 0 else 0), street[1], 22.0):
             if abs(y - crossing) > CROSS_HALF + 2 and places.claim(side, float(y), 0.4):
                 post = furniture.build_lamp_post(rng, palette)
                 place = (side * (ROAD_HALF + 0.45), y, CURB_HEIGHT, face_street(side))
@@ -85,13 +89,17 @@ def place_crossing_signs(
 
 
 def place_road_signs(
-    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+    crossing: float,
+    places: CurbPlaces,
+    rng: np.random.Generator,
+    palette: MaterialPalette,
+    street: tuple[float, float] = STREET_SPAN,
 ) -> list[Fixture]:
     """Signs of all kinds towards the traffic on their side."""
     fixtures = []
     for side in (-1, 1):
         faces = rng.permutation(furniture.ROAD_SIGNS)
-        for k, y in enumerate(np.arange(-40.0, 80.0, 17.0) + rng.uniform(-4, 4)):
+        for k, y in enumerate(np.arange(-40.0, street[1] - 110, 17.0) + rng.uniform(-4, 4)):
             if abs(y - crossing) < CROSS_HALF + 8 or not places.claim(side, float(y), 0.6):
                 continue
             sign = furniture.build_traffic_sign(int(faces[k % len(faces)]), rng, palette)
@@ -106,13 +114,17 @@ def _face_traffic(side: Side) -> float:
 
 
 def place_trees(
-    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+    crossing: float,
+    places: CurbPlaces,
+    rng: np.random.Generator,
+    palette: MaterialPalette,
+    street: tuple[float, float] = STREET_SPAN,
 ) -> list[Fixture]:
     """Rows of trees, mostly of one species per side."""
     fixtures = []
     for side in (-1, 1):
         usual = str(rng.choice(["plane", "maple", "cherry", "poplar"]))
-        for y in np.arange(STREET_SPAN[0] + 10, STREET_SPAN[1] - 8, 13.5) + rng.uniform(-3, 3):
+        for y in np.arange(street[0] + 10, street[1] - 8, 13.5) + rng.uniform(-3, 3):
             y = float(y + rng.uniform(-1.6, 1.6))
             if abs(y - crossing) < CROSS_HALF + 8 or rng.random() < 0.12 or not places.claim(side, y, 0.7):
                 continue
@@ -124,7 +136,11 @@ def place_trees(
 
 
 def place_small_furniture(
-    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+    crossing: float,
+    places: CurbPlaces,
+    rng: np.random.Generator,
+    palette: MaterialPalette,
+    street: tuple[float, float] = STREET_SPAN,
 ) -> list[Fixture]:
     """Bins, hydrants, benches and the like, at the kerb or at the house fronts, out of the walkers' way."""
     builders: tuple[tuple[Callable[[], TriangleMesh], str, float, bool], ...] = (  # label, depth, also at houses
@@ -137,7 +153,7 @@ def place_small_furniture(
     )
     fixtures = []
     for side in (-1, 1):
-        for y in np.arange(-52.0, 92.0, 6.0) + rng.uniform(-1, 1):
+        for y in np.arange(-52.0, street[1] - 98, 6.0) + rng.uniform(-1, 1):
             build, label, depth, anywhere = builders[rng.integers(len(builders))]
             at_houses = anywhere and rng.random() < 0.45
             if abs(y - crossing) < CROSS_HALF + 5 or rng.random() < 0.1:

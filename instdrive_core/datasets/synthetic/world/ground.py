@@ -33,6 +33,7 @@ FRONT = ROAD_HALF + PAVEMENT_WIDTH
 """Distance of the house fronts from the centre line."""
 CURB_HEIGHT = 0.14
 STREET_SPAN = (-110.0, 190.0)
+"""Ends of the street for drives of up to ten seconds; longer drives lengthen it."""
 CROSS_SPAN = (-85.0, 85.0)
 
 _LIFT = 0.006  # paint lies on the road by more than rays' rounding errors
@@ -56,22 +57,30 @@ class Ground:
     lots: TriangleMesh
 
 
-def build_ground(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> Ground:
-    """Everything horizontal; the crossing street's middle is at y = `crossing`."""
+def build_ground(
+    crossing: float, rng: np.random.Generator, palette: MaterialPalette, street: tuple[float, float] = STREET_SPAN
+) -> Ground:
+    """Everything horizontal between the ends of the `street`; the crossing street's middle is at y = `crossing`."""
     return Ground(
-        join_meshes([_add_asphalt(palette), _build_markings(crossing, palette), _build_covers(crossing, rng, palette)]),
-        _build_pavement(-1, crossing, palette),
-        _build_pavement(1, crossing, palette),
-        _build_lots(crossing, palette),
+        join_meshes(
+            [
+                _add_asphalt(palette, street),
+                _build_markings(crossing, palette, street),
+                _build_covers(crossing, rng, palette, street),
+            ]
+        ),
+        _build_pavement(-1, crossing, palette, street),
+        _build_pavement(1, crossing, palette, street),
+        _build_lots(crossing, palette, street),
     )
 
 
-def _add_asphalt(palette: MaterialPalette) -> TriangleMesh:
+def _add_asphalt(palette: MaterialPalette, street: tuple[float, float]) -> TriangleMesh:
     asphalt = palette.add(Material(ASPHALT, (0.150, 0.150, 0.155), reflectivity=0.14))
-    return build_floor((CROSS_SPAN[0], CROSS_SPAN[1]), STREET_SPAN, 0.0, asphalt)
+    return build_floor((CROSS_SPAN[0], CROSS_SPAN[1]), street, 0.0, asphalt)
 
 
-def _build_markings(crossing: float, palette: MaterialPalette) -> TriangleMesh:
+def _build_markings(crossing: float, palette: MaterialPalette, street: tuple[float, float]) -> TriangleMesh:
     def paint(semantic: int) -> int:
         return palette.add(
             Material(PAINTED_LINE, (0.62, 0.62, 0.60), (0.22, 0.22, 0.22), reflectivity=0.65, semantic=semantic)
@@ -80,8 +89,8 @@ def _build_markings(crossing: float, palette: MaterialPalette) -> TriangleMesh:
     line, stop, other = paint(_LINE), paint(_STOP), paint(_OTHER)
     near = CROSS_HALF + 5.4  # from the crossing's middle to the stop line
     parts = [
-        *_build_dashes(np.arange(STREET_SPAN[0], STREET_SPAN[1], 7.5), 3.0, crossing, near, line),
-        *_build_parking_bays(crossing, near, line),
+        *_build_dashes(np.arange(street[0], street[1], 7.5), 3.0, crossing, near, line),
+        *_build_parking_bays(crossing, near, line, street),
     ]
     for sign in (-1, 1):  # towards −y and +y of the crossing, then towards −x and +x of it
         along = crossing + sign * (CROSS_HALF + 2.6)
@@ -109,10 +118,10 @@ def _build_dashes(starts: np.ndarray, length: float, crossing: float, near: floa
     return [_build_stripe(0, y, 0.14, length, material) for y in middles if abs(y - crossing) > near + length / 2]
 
 
-def _build_parking_bays(crossing: float, near: float, material: int) -> list[TriangleMesh]:
+def _build_parking_bays(crossing: float, near: float, material: int, street: tuple[float, float]) -> list[TriangleMesh]:
     """Edge lines of the parking strips with short ticks."""
     parts = []
-    for start, end in ((STREET_SPAN[0], crossing - near), (crossing + near, STREET_SPAN[1])):
+    for start, end in ((street[0], crossing - near), (crossing + near, street[1])):
         for sign in (-1, 1):
             x = sign * 3.36
             parts.append(_build_stripe(x, 0.5 * (start + end), 0.10, end - start, material))
@@ -130,13 +139,15 @@ def _build_arrow(x: float, y: float, forward: int, material: int) -> TriangleMes
     return join_meshes([shaft, build_flat_mesh(head, material)])
 
 
-def _build_covers(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
+def _build_covers(
+    crossing: float, rng: np.random.Generator, palette: MaterialPalette, street: tuple[float, float]
+) -> TriangleMesh:
     """Manhole covers, and patches where the road was mended."""
     iron = palette.add(Material(PLAIN, (0.07, 0.065, 0.06), reflectivity=0.2))
     fresh = palette.add(Material(ASPHALT, (0.115, 0.115, 0.12), reflectivity=0.10))
     old = palette.add(Material(ASPHALT, (0.185, 0.182, 0.18), reflectivity=0.18))
     parts = []
-    for y in np.arange(STREET_SPAN[0] + 8, STREET_SPAN[1], 19):
+    for y in np.arange(street[0] + 8, street[1], 19):
         x = rng.uniform(-2.6, 2.6)
         parts.append(build_disc((x, y + rng.uniform(-4, 4), 0.003), (0, 0, 1), 0.34, iron))
         width, length = rng.uniform(0.6, 1.6), rng.uniform(1.5, 6.0)
@@ -149,12 +160,12 @@ def _build_covers(crossing: float, rng: np.random.Generator, palette: MaterialPa
     return join_meshes(parts)
 
 
-def _compute_quadrant_spans(crossing: float) -> list[tuple[float, float]]:
+def _compute_quadrant_spans(crossing: float, street: tuple[float, float]) -> list[tuple[float, float]]:
     """The two stretches of the street before and after the crossing."""
-    return [(STREET_SPAN[0], crossing - CROSS_HALF), (crossing + CROSS_HALF, STREET_SPAN[1])]
+    return [(street[0], crossing - CROSS_HALF), (crossing + CROSS_HALF, street[1])]
 
 
-def _build_pavement(side: int, crossing: float, palette: MaterialPalette) -> TriangleMesh:
+def _build_pavement(side: int, crossing: float, palette: MaterialPalette, street: tuple[float, float]) -> TriangleMesh:
     """Pavements on one side (−1 left, 1 right) along both streets, with kerbstones and tree pits."""
     slabs = palette.add(Material(PAVING, (0.36, 0.345, 0.32), (0.17, 0.16, 0.15), 0.62, reflectivity=0.35))
     stone = palette.add(Material(PAVING, (0.44, 0.43, 0.41), (0.22, 0.21, 0.20), 1.05, reflectivity=0.4))
@@ -164,7 +175,7 @@ def _build_pavement(side: int, crossing: float, palette: MaterialPalette) -> Tri
 
     parts = []
     curb = 0.16
-    for stretch, (low, high) in enumerate(_compute_quadrant_spans(crossing)):
+    for stretch, (low, high) in enumerate(_compute_quadrant_spans(crossing, street)):
         inner = high if stretch == 0 else low  # the end at the crossing
         towards = -1 if stretch == 0 else 1
         strip = sorted((inner, inner + towards * PAVEMENT_WIDTH))
@@ -178,12 +189,12 @@ def _build_pavement(side: int, crossing: float, palette: MaterialPalette) -> Tri
     return join_meshes(parts)
 
 
-def _build_lots(crossing: float, palette: MaterialPalette) -> TriangleMesh:
+def _build_lots(crossing: float, palette: MaterialPalette, street: tuple[float, float]) -> TriangleMesh:
     """Lawns and yards behind the pavements, and the land beyond the street."""
     grass = palette.add(Material(GRASS, (0.085, 0.15, 0.035), (0.16, 0.17, 0.06), reflectivity=0.4))
-    parts = [build_floor((-500, 500), (-500, 600), -0.03, grass)]
-    for low, high in ((STREET_SPAN[0], crossing - CROSS_HALF - PAVEMENT_WIDTH),
-                      (crossing + CROSS_HALF + PAVEMENT_WIDTH, STREET_SPAN[1])):  # fmt: skip
+    parts = [build_floor((-500, 500), (street[0] - 390, street[1] + 410), -0.03, grass)]
+    for low, high in ((street[0], crossing - CROSS_HALF - PAVEMENT_WIDTH),
+                      (crossing + CROSS_HALF + PAVEMENT_WIDTH, street[1])):  # fmt: skip
         for x in ((-CROSS_SPAN[1], -FRONT), (FRONT, CROSS_SPAN[1])):
             parts.append(build_floor(x, (low, high), CURB_HEIGHT - 0.02, grass))
     return join_meshes(parts)

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.config import STEP_SECONDS, StreetConfig
 from instdrive_core.datasets.synthetic.world import curbside
 from instdrive_core.datasets.synthetic.world.buildings import build_building
 from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces, Side, face_street
@@ -33,6 +33,10 @@ from instdrive_core.datasets.synthetic.world.traffic import (
 from instdrive_core.datasets.synthetic.world.trees import SPECIES, build_bush, build_tree
 
 _HALF_TURN = np.pi
+FASTEST = 8.4
+"""Metres per second that no vehicle exceeds."""
+USUAL_STEPS = 100
+"""Time steps for which the street has its usual length."""
 
 
 def build_street(config: StreetConfig) -> Street:
@@ -43,32 +47,39 @@ def build_street(config: StreetConfig) -> Street:
     rng = {name: np.random.default_rng(sequence) for name, sequence in generators.items()}
     palette, places = MaterialPalette(), CurbPlaces()
     crossing = float(np.round(rng["ground"].uniform(31, 38), 2))
-    ground = build_ground(crossing, rng["ground"], palette)
+    span, spread = compute_street_span(config.steps), min(1.0, USUAL_STEPS / config.steps)
+    ground = build_ground(crossing, rng["ground"], palette, span)
     fixtures = [
         Fixture(ground.road, "Road", "stuff"),
         Fixture(ground.left_pavement, "Sidewalk", "stuff"),
         Fixture(ground.right_pavement, "Sidewalk", "stuff"),
         Fixture(ground.lots, "Ground", "stuff"),
-        *_build_houses(crossing, rng["houses"], rng["trees"], palette),
+        *_build_houses(crossing, rng["houses"], rng["trees"], palette, span),
         curbside.place_bus_stop(places, rng["furniture"], palette),
         *curbside.place_crossing_signs(crossing, places, rng["furniture"], palette),
-        *curbside.place_lamp_posts(crossing, places, rng["furniture"], palette),
-        *curbside.place_road_signs(crossing, places, rng["furniture"], palette),
-        *curbside.place_trees(crossing, places, rng["trees"], palette),
-        *curbside.place_small_furniture(crossing, places, rng["furniture"], palette),
+        *curbside.place_lamp_posts(crossing, places, rng["furniture"], palette, span),
+        *curbside.place_road_signs(crossing, places, rng["furniture"], palette, span),
+        *curbside.place_trees(crossing, places, rng["trees"], palette, span),
+        *curbside.place_small_furniture(crossing, places, rng["furniture"], palette, span),
     ]
     height = partial(compute_street_height, crossing=crossing)
     works_place = float(rng["parked"].uniform(9, 19))
     actors = [
-        *park_cars(crossing, works_place, rng["parked"], palette),
-        *build_traffic(crossing, rng["traffic"], palette),
-        *build_walkers(crossing, places, rng["people"], palette),
+        *park_cars(crossing, works_place, rng["parked"], palette, span),
+        *build_traffic(crossing, rng["traffic"], palette, span, spread),
+        *build_walkers(crossing, places, rng["people"], palette, span, spread),
         *build_road_works(works_place, rng["parked"], palette),
     ]
     return Street(
         tuple(fixtures), tuple(actors), draw_ego_route(rng["traffic"]), crossing, palette.table(),
         _draw_light(rng["light"]), float(rng["light"].uniform(-np.pi, np.pi)), height,
     )  # fmt: skip
+
+
+def compute_street_span(steps: int) -> tuple[float, float]:
+    """Ends of the street along y: as far again as the fastest traffic comes in the time beyond ten seconds."""
+    extra = FASTEST * max(0, steps - USUAL_STEPS) * STEP_SECONDS
+    return STREET_SPAN[0] - extra, STREET_SPAN[1] + extra
 
 
 def _draw_light(rng: np.random.Generator) -> Light:
@@ -79,26 +90,27 @@ def _draw_light(rng: np.random.Generator) -> Light:
 
 
 def _build_houses(
-    crossing: float, rng: np.random.Generator, tree_rng: np.random.Generator, palette: MaterialPalette
-) -> list[Fixture]:
+    crossing: float, rng: np.random.Generator, tree_rng: np.random.Generator, palette: MaterialPalette,
+    span: tuple[float, float],
+) -> list[Fixture]:  # fmt: skip
     """Rows of houses along both streets, gardens between them, houses that close the view, and distant towers."""
     fixtures: list[Fixture] = []
     gap = CROSS_HALF + PAVEMENT_WIDTH
     for side in (-1, 1):
         for start, direction in ((crossing - gap, -1), (crossing + gap, 1)):
-            end = STREET_SPAN[0] if direction < 0 else STREET_SPAN[1]
+            end = span[0] if direction < 0 else span[1]
             fixtures += _build_row(side, start, end, direction, rng, tree_rng, palette)
             fixtures += _build_cross_row(side, start, direction, rng, palette)
-    for y, yaw in ((STREET_SPAN[0] - 0.5, _HALF_TURN), (STREET_SPAN[1] + 0.5, 0.0)):
+    for y, yaw in ((span[0] - 0.5, _HALF_TURN), (span[1] + 0.5, 0.0)):
         for x in (-32.0, -15.5, 1.0, 17.5):
             width = 15.5
             place = (x, y) if yaw == 0 else (x + width, y)
             mesh = build_building(width, 10, int(rng.integers(3, 6)), "home", rng, palette)
             fixtures.append(Fixture(mesh.at(*place, 0, yaw), "Building"))
-    for k in range(6):
+    for k in range(round(6 * (span[1] - span[0]) / (STREET_SPAN[1] - STREET_SPAN[0]))):
         side, width = (-1, 1)[k % 2], float(rng.uniform(16, 24))
         mesh = build_building(width, width, int(rng.integers(9, 16)), "home", rng, palette)
-        y = STREET_SPAN[0] + 20 + 55 * k + rng.uniform(-8, 8)
+        y = span[0] + 20 + 55 * k + rng.uniform(-8, 8)
         fixtures.append(Fixture(mesh.at(side * rng.uniform(62, 80), y, 0, face_street(side)), "Building"))
     return fixtures
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -127,6 +127,12 @@ class StepGeometry:
     """Instance ID per triangle."""
 
 
+def join_geometries(parts: Sequence[StepGeometry]) -> StepGeometry:
+    """Join the triangles of several parts, in order."""
+    mesh = join_meshes([part.mesh for part in parts])
+    return StepGeometry(mesh, np.concatenate([part.instances for part in parts]))
+
+
 @dataclass(frozen=True)
 class Street:
     """A street and its traffic. IDs: fixtures from 1 in order, then actors."""
@@ -167,16 +173,23 @@ class Street:
 
     def geometry(self, time: float) -> StepGeometry:
         """The street at `time` seconds."""
-        meshes, owners = [self._standing.mesh], [self._standing.instances]
-        for k, actor in enumerate(self.actors):
-            if actor.route.speed > 0:
-                mesh = actor.model(actor.route.speed * time).transform(self.foot_pose(actor, time))
-                meshes.append(mesh)
-                owners.append(np.full(len(mesh), self.actor_id(k), np.int32))
-        return StepGeometry(join_meshes(meshes), np.concatenate(owners))
+        return join_geometries([self.standing, *self.pose_movers(self.model_movers(time), time)])
+
+    def model_movers(self, time: float) -> dict[int, TriangleMesh]:
+        """Meshes of what moves, as they are at `time`, in the models' frames; by actor."""
+        return {k: actor.model(actor.route.speed * time) for k, actor in enumerate(self.actors) if actor.route.speed}
+
+    def pose_movers(self, models: dict[int, TriangleMesh], time: float) -> list[StepGeometry]:
+        """Put models of what moves where they are at `time`."""
+        posed = []
+        for k, model in models.items():
+            mesh = model.transform(self.foot_pose(self.actors[k], time))
+            posed.append(StepGeometry(mesh, np.full(len(mesh), self.actor_id(k), np.int32)))
+        return posed
 
     @cached_property
-    def _standing(self) -> StepGeometry:
+    def standing(self) -> StepGeometry:
+        """Everything that stands still."""
         meshes = [fixture.mesh for fixture in self.fixtures]
         ids = list(range(1, len(meshes) + 1))
         for k, actor in enumerate(self.actors):

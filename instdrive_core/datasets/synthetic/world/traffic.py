@@ -10,7 +10,7 @@ import numpy as np
 from instdrive_core.datasets.synthetic.world import furniture
 from instdrive_core.datasets.synthetic.world.cars import CAR_COLORS, CAR_SHAPES, build_car
 from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces
-from instdrive_core.datasets.synthetic.world.ground import CROSS_HALF, FRONT, LANE, PARKING, ROAD_HALF
+from instdrive_core.datasets.synthetic.world.ground import CROSS_HALF, FRONT, LANE, PARKING, ROAD_HALF, STREET_SPAN
 from instdrive_core.datasets.synthetic.world.materials import MaterialPalette
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh
 from instdrive_core.datasets.synthetic.world.people import draw_cyclist, draw_person
@@ -50,15 +50,18 @@ def _draw_colors(rng: np.random.Generator, count: int) -> list[int]:
     return drawn[:count]
 
 
-def park_cars(crossing: float, works: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
+def park_cars(
+    crossing: float, works: float, rng: np.random.Generator, palette: MaterialPalette,
+    street: tuple[float, float] = STREET_SPAN,
+) -> list[Actor]:  # fmt: skip
     """Cars along both kerbs, with empty places; none at the road works on the left at y = `works`."""
     models = ("hatchback", "sedan", "suv", "estate", "van", "pickup")
     chances = (0.27, 0.22, 0.22, 0.13, 0.09, 0.07)
     actors = []
     for side in (-1, 1):
-        colors = iter(_draw_colors(rng, 60))
+        colors = iter(_draw_colors(rng, max(60, round(street[1] - 130))))
         y = -62.0 + rng.uniform(0, 4)
-        while y < 118:
+        while y < street[1] - 72:
             model = str(rng.choice(models, p=chances))
             length = CAR_SHAPES[model].length
             middle = y + length / 2
@@ -71,8 +74,14 @@ def park_cars(crossing: float, works: float, rng: np.random.Generator, palette: 
     return actors
 
 
-def build_traffic(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
-    """Cars ahead of, behind and towards the recording one; others wait at the crossing's red light; cyclists."""
+def build_traffic(
+    crossing: float, rng: np.random.Generator, palette: MaterialPalette, street: tuple[float, float] = STREET_SPAN,
+    spread: float = 1.0,
+) -> list[Actor]:  # fmt: skip
+    """Cars ahead of, behind and towards the recording one; others wait at the crossing's red light; cyclists.
+
+    `spread` narrows the differences of speed, so that nobody runs into anybody in a long drive.
+    """
     colors = iter(_draw_colors(rng, 40))
 
     def vehicle(model: str, route: Route, motion: str = "Moving") -> Actor:
@@ -83,13 +92,20 @@ def build_traffic(crossing: float, rng: np.random.Generator, palette: MaterialPa
 
     actors = []
     for y in (17.0, 38.0, 66.0):
-        actors.append(vehicle(any_model(), Route(LANE, y + rng.uniform(-2, 3), 0.0, EGO_SPEED + rng.uniform(0, 1.2))))
+        actors.append(
+            vehicle(any_model(), Route(LANE, y + rng.uniform(-2, 3), 0.0, EGO_SPEED + spread * rng.uniform(0, 1.2)))
+        )
     for y in (-14.0, -33.0):
-        actors.append(vehicle(any_model(), Route(LANE, y + rng.uniform(-3, 1), 0.0, EGO_SPEED - rng.uniform(0, 0.8))))
+        actors.append(
+            vehicle(any_model(), Route(LANE, y + rng.uniform(-3, 1), 0.0, EGO_SPEED - spread * rng.uniform(0, 0.8)))
+        )
     oncoming = ("truck", any_model(), any_model(), "van", any_model())
     for model, y in zip(rng.permutation(oncoming), (-24.0, 15.0, 31.0, 54.0, 78.0), strict=True):
-        route = Route(-LANE + 0.12, y + rng.uniform(-3, 3), _HALF_TURN, float(rng.uniform(6.9, 7.2)))
+        route = Route(-LANE + 0.12, y + rng.uniform(-3, 3), _HALF_TURN, float(rng.uniform(6.9, 6.9 + 0.3 * spread)))
         actors.append(vehicle(str(model), route))
+    for y in np.arange(104.0, street[1] - 90, 26.0):  # later ones of long drives
+        route = Route(-LANE + 0.12, y + rng.uniform(-3, 3), _HALF_TURN, float(rng.uniform(6.9, 6.9 + 0.3 * spread)))
+        actors.append(vehicle(any_model(), route))
     for side in (-1, 1):
         place = (side * (ROAD_HALF + 7.4), crossing + side * 2.1, side * _HALF_TURN / 2)
         actors.append(vehicle(any_model(), Route(*place), "Stopped"))
@@ -107,16 +123,17 @@ def _build_cyclist(route: Route, rng: np.random.Generator, palette: MaterialPale
 
 
 def build_walkers(
-    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
-) -> list[Actor]:
+    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette,
+    street: tuple[float, float] = STREET_SPAN, spread: float = 1.0,
+) -> list[Actor]:  # fmt: skip
     """People on both pavements in either direction, on the crossing street's crosswalks, and some who stand."""
     actors = []
     for side in (-1, 1):
-        for y in np.linspace(-22, 58, 8):
+        for y in [*np.linspace(-22, 58, 8), *np.arange(70.0, street[1] - 120, 12.0)]:
             inner = rng.random() < 0.5
             x = side * (FRONT - (1.73 if inner else 1.2) + rng.uniform(-0.04, 0.04))
             yaw = 0.0 if inner else _HALF_TURN
-            route = Route(float(x), float(y + rng.uniform(-3.5, 3.5)), yaw, float(rng.uniform(1.1, 1.6)))
+            route = Route(float(x), float(y + rng.uniform(-3.5, 3.5)), yaw, float(rng.uniform(1.1, 1.1 + 0.5 * spread)))
             actors.append(_build_person(route, rng, palette))
         x = side * (ROAD_HALF + rng.uniform(0.75, 0.85))
         y = crossing - side * rng.uniform(2.0, 3.5)

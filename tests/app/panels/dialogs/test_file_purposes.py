@@ -2,7 +2,9 @@
 
 import pytest
 
+from instdrive_app.files.file_names import find_folder_beside
 from instdrive_app.files.folder_listing import list_folder
+from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.panels.dialogs.file_browser import has_desktop_dialogs
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, holds_scene
 from instdrive_core.formats.folder.scenes import MANIFEST
@@ -44,3 +46,25 @@ def test_desktop_dialogs_need_their_program(monkeypatch, tools, expected):
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setattr("shutil.which", lambda name: name if name in tools else None)
     assert has_desktop_dialogs() is expected
+
+
+def test_a_projects_ending_need_not_be_typed(tmp_path):
+    save = PURPOSES["save"]
+    assert save.complete(tmp_path / "my street v1.2") == tmp_path / "my street v1.2.instdrive"
+    assert save.complete(tmp_path / "a.instdrive") == tmp_path / "a.instdrive"
+    assert save.complete(tmp_path / "a.ply") == tmp_path / "a.ply", "a scene's ending is a mistake to be told of"
+    assert save.complete(tmp_path) == tmp_path
+    assert PURPOSES["export"].complete(tmp_path / "folder") == tmp_path / "folder"
+
+
+def test_new_files_go_beside_the_scene_but_never_into_the_program(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    assert find_folder_beside(find_sample_scene()) == tmp_path
+    (tmp_path / "Documents").mkdir()
+    assert find_folder_beside(find_sample_scene()) == tmp_path / "Documents"
+    (tmp_path / ".config").mkdir()
+    (tmp_path / "Papers").mkdir()
+    (tmp_path / ".config" / "user-dirs.dirs").write_text('XDG_DOCUMENTS_DIR="$HOME/Papers"\n', encoding="utf-8")
+    assert find_folder_beside(find_sample_scene()) == tmp_path / "Papers"
+    assert find_folder_beside(tmp_path / "drives" / "a.ply") == tmp_path / "drives"

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy import ndimage
 
-from instdrive_core.masks.faults import FAULT_MODELS, MaskFaults, add_faults
+from instdrive_core.masks.faults.frame_faults import MaskFaults, add_faults
 
-SAM = FAULT_MODELS["sam-v1"]
+SAM = MaskFaults()
 ONLY = {"split": 0.0, "merged": 0.0, "dropped": 0.0, "ragged": 0.0}
 DISC = np.hypot(*np.mgrid[-2:3, -2:3]) <= 2
 CELL, COLUMNS, ROWS = 24, 10, 6

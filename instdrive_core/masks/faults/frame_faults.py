@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64, Integer, UInt32
+from jaxtyping import Bool, Float64, Int64, Integer, UInt32
 from numpy import ndarray
 
+from instdrive_core.masks.faults.ragged_borders import draw_border_shifts, shift_labels
 from instdrive_core.maths.streams import Stream, make_generator
 
-FaultModel = Literal["sam-v1"]
 _CANDIDATES = 4
 """Places tried for each part's centre; the one farthest from the centres before is taken: no part is a sliver."""
 
@@ -38,10 +37,6 @@ class MaskFaults:
     """Largest distance in pixels by which a border moves."""
     grain: int = 4
     """Pixels along a border after which it moves otherwise."""
-
-
-FAULT_MODELS: dict[FaultModel, MaskFaults] = {"sam-v1": MaskFaults()}
-"""The published sets of faults by name; a name never changes its meaning."""
 
 
 def add_faults(
@@ -145,11 +140,7 @@ def _roughen_borders(
     masks: Int64[ndarray, "h w"], closed: Bool[ndarray, "h w"], faults: MaskFaults, rng: np.random.Generator
 ) -> Int64[ndarray, "h w"]:
     """Move the borders of masks: each pixel takes the label of a place up to `ragged` px away."""
-    height, width = masks.shape
-    shift = _draw_smooth_shifts(height, width, faults, rng)
-    rows = np.clip(np.arange(height)[:, None] + shift[0], 0, height - 1)
-    columns = np.clip(np.arange(width)[None, :] + shift[1], 0, width - 1)
-    moved = masks[rows, columns]
+    moved = shift_labels(masks, draw_border_shifts(*masks.shape, faults.ragged, faults.grain, rng))
     moved[closed] = masks[closed]
     anchors = np.zeros(masks.max(initial=0) + 1, np.int64)
     anchors[masks.ravel()] = np.arange(masks.size)
@@ -163,24 +154,3 @@ def _renumber(labels: Int64[ndarray, "h w"]) -> Int64[ndarray, "h w"]:
     is_present = np.bincount(labels.ravel()) > 0
     is_present[:1] = False
     return (np.cumsum(is_present) * is_present)[labels]
-
-
-def _draw_smooth_shifts(
-    height: int, width: int, faults: MaskFaults, rng: np.random.Generator
-) -> Int64[ndarray, "2 h w"]:
-    """Draw whole pixels (row, column) by which to move, of length `ragged` at most, alike within `grain` pixels."""
-    shape = (height // faults.grain + 2, width // faults.grain + 2)
-    angle = rng.uniform(0, 2 * np.pi, shape)
-    length = faults.ragged * np.sqrt(rng.random(shape))  # evenly over a disc; between nodes it stays inside
-    nodes = (length * np.stack([np.sin(angle), np.cos(angle)])).astype(np.float32)
-    wanted = _interpolate(_interpolate(nodes, height, faults.grain, 1), width, faults.grain, 2)
-    rounded = np.rint(wanted)
-    too_far = (rounded**2).sum(axis=0) > faults.ragged**2
-    return np.where(too_far, np.trunc(wanted), rounded).astype(np.int64)
-
-
-def _interpolate(nodes: Float32[ndarray, "2 a b"], size: int, grain: int, axis: int) -> Float32[ndarray, "2 c d"]:
-    """Interpolate nodes that stand `grain` pixels apart linearly at each of `size` pixels."""
-    before, rest = np.divmod(np.arange(size), grain)
-    weight = (rest / np.float32(grain)).astype(np.float32).reshape([-1 if each == axis else 1 for each in range(3)])
-    return nodes.take(before, axis) * (1 - weight) + nodes.take(before + 1, axis) * weight

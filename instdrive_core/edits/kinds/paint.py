@@ -1,0 +1,83 @@
+"""Painting the body of instances: only what is near the body's colour changes; glass, tyres and lights stay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy import ndarray
+
+from instdrive_core.edits.bases.adjustments import LUMA
+from instdrive_core.edits.bases.editable import find_editable_parts
+from instdrive_core.edits.bases.parameters import check_ids, check_number
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import describe_ids
+from instdrive_core.edits.document.row_parts import RowParts
+from instdrive_core.edits.kinds.color import MEAN_LUMA_FLOOR, ColorEdit
+from instdrive_core.edits.queries.body_color import RGB, find_body_color, find_rows_near_color
+from instdrive_core.errors import EditError
+from instdrive_core.scene.palette import DRAWN, pack_color_entries
+
+TOLERANCE = 0.18
+"""Difference from the body's colour up to which splats are painted."""
+
+
+@dataclass
+class PaintInstances(ColorEdit):
+    """Paint what is near a reference colour, with its light and shade; give the rest of the instances its own colours.
+
+    What they were recoloured or adjusted to before is replaced; an opacity factor stays.
+    """
+
+    kind: ClassVar[str] = "paint_instances"
+    ids: tuple[int, ...]
+    color: RGB
+    """RGB in [0, 1]."""
+    tolerance: float = TOLERANCE
+    """0: only what has the reference colour, 1: everything."""
+    reference: RGB | None = None
+    """RGB in [0, 1], as trained; None: the colour of most of each instance's surface."""
+
+    def __post_init__(self) -> None:
+        self.ids = check_ids(self.ids)
+        self.color = _check_color(self.color, "color")
+        self.tolerance = check_number(self.tolerance, "tolerance")
+        if not 0 <= self.tolerance <= 1:
+            raise EditError(f"tolerance {self.tolerance!r} is not from 0 to 1")
+        if self.reference is not None:
+            self.reference = _check_color(self.reference, "reference")
+
+    @property
+    def title(self) -> str:
+        """``Paint instance 17 #d02020``."""
+        return f"Paint {describe_ids(self.ids)} #{''.join(f'{round(channel * 255):02x}' for channel in self.color)}"
+
+    def do(self, document: Document) -> bool:
+        """Add one entry per instance for what is painted, and point the rest at the trained colours."""
+        gaussians, rows, sizes, matrices = document.scene.gaussians, [], [], []
+        for part in find_editable_parts(document, self.ids):
+            reference = self.reference or find_body_color(gaussians, part)
+            near = find_rows_near_color(gaussians, part, reference, self.tolerance)
+            painted = np.zeros((3, 4))
+            painted[:, :3] = np.outer(self.color, LUMA) / max(float(np.dot(reference, LUMA)), MEAN_LUMA_FLOOR)
+            for chosen, matrix in ((part[near], painted), (part[~near], np.eye(3, 4))):
+                if len(chosen):
+                    rows.append(chosen)
+                    sizes.append(len(chosen))
+                    matrices.append(matrix.astype(np.float32))
+        parts, stacked = RowParts(np.concatenate(rows), np.r_[0, np.cumsum(sizes)]), np.stack(matrices)
+
+        def change(values: ndarray, part: ndarray) -> ndarray:
+            return pack_color_entries(stacked[part], values[:, DRAWN - 1])
+
+        return self.assign(document, parts, change)
+
+
+def _check_color(values: object, name: str) -> RGB:
+    if not isinstance(values, (list, tuple)) or len(values) != 3:
+        raise EditError(f"{name} {values!r} is not three numbers from 0 to 1")
+    red, green, blue = (check_number(value, name) for value in values)
+    if not all(0 <= channel <= 1 for channel in (red, green, blue)):
+        raise EditError(f"{name} {values!r} is not three numbers from 0 to 1")
+    return red, green, blue

@@ -1,0 +1,45 @@
+"""How much of the sky the photos of a scene saw, and a scene whose unseen sky is filled."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+from scipy import ndimage
+
+from instdrive_core.rasterize.scene_view import view_scene
+from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.sky import Sky, find_cube_taps
+from instdrive_core.scene.sky_fill import fill_unseen_sky
+
+WIDTH = 200
+"""Pixels across the pictures that evidence is taken from."""
+MOST_VIEWS, FEWEST_VIEWS, FULL_COUNT = 24, 6, 200_000
+"""Views that are looked through, fewer in scenes of more splats than the last number."""
+_LEAST_WEIGHT = 0.1
+
+
+def measure_sky_evidence(scene: Scene, resolution: int) -> Float32[ndarray, "6 {resolution} {resolution}"]:
+    """Measure the largest share of light, 0 … 1, that reaches a photo's camera from each texel of the sky.
+
+    Looks through evenly chosen cameras of the scene, at small pictures.
+    """
+    evidence = np.zeros(6 * resolution * resolution, np.float32)
+    wanted = int(np.clip(MOST_VIEWS * FULL_COUNT / max(len(scene), 1), FEWEST_VIEWS, MOST_VIEWS))
+    for view in scene.views[:: -(-len(scene.views) // wanted)]:
+        camera = view.camera.scale(min(1.0, WIDTH / view.camera.width))
+        clear = (1 - view_scene(scene, camera, view.time).alpha).ravel()
+        texels, weights = find_cube_taps(camera.compute_ray_directions().reshape(-1, 3), resolution)
+        for tap in range(texels.shape[1]):
+            near = weights[:, tap] > _LEAST_WEIGHT
+            np.maximum.at(evidence, texels[near, tap], clear[near])
+    faces = evidence.reshape(6, resolution, resolution)
+    # Texels between the rays of two pixels were seen, too.
+    return np.clip(np.stack([ndimage.grey_closing(face, 3) for face in faces]), 0, 1)
+
+
+def fill_scene_sky(scene: Scene) -> Sky | None:
+    """Fill the texels of the scene's sky that none of its photos saw; the sky itself where there are no cameras."""
+    if scene.sky is None or not scene.views:
+        return scene.sky
+    return fill_unseen_sky(scene.sky, measure_sky_evidence(scene, scene.sky.faces.shape[1]))

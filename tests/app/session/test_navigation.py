@@ -1,0 +1,48 @@
+"""Where the user looks from: orbiting keeps above the ground, and the first view comes back."""
+
+import numpy as np
+from session_driver import finish
+
+from instdrive_app.session.export_kinds import ExportChoice
+from instdrive_app.state import Viewpoint
+from instdrive_core.scene.camera import look_at
+
+
+def test_orbiting_up_stays_above_the_ground_unless_switched_off(session):
+    """One long drag to the top of the window, with the pivot on the road."""
+    start = look_at(np.array([0.0, -2.0, 2.0]), np.array([0.0, 4.0, 0.0]))
+    view = Viewpoint(start, session.state.viewpoint.lens, 6.3)
+    for _ in range(100):
+        view = session.navigation.orbit(view, 0.003, 0.02)
+        assert view.position[2] > 0.1
+    assert view.position[2] < 0.6, "it goes down to the clearance"
+    assert view.forward[1] > 0.9
+    session.state.stay_above_ground = False
+    for _ in range(100):
+        view = session.navigation.orbit(view, 0.0, 0.02)
+    assert view.position[2] < -2.0
+    session.state.stay_above_ground = True
+    deep = view.position[2]
+    assert session.navigation.orbit(view, 0.0, -0.1).position[2] > deep, "back up is free"
+
+
+def test_the_start_view_comes_back(session):
+    start = session.state.viewpoint
+    session.navigation.look_down(())
+    session.navigation.set_time(1.0)
+    assert session.actions.run("view.start")
+    np.testing.assert_array_equal(session.state.viewpoint.world_from_camera, start.world_from_camera)
+    assert session.state.dataset_view == 0
+    assert session.state.time == 0.0
+
+
+def test_an_exported_ply_opens_as_it_was_left(session, tmp_path):
+    session.navigation.look_down(())
+    left = session.state.viewpoint
+    session.export.write(tmp_path / "street.ply", ExportChoice("scene"))
+    finish(session)
+    session.files.open(tmp_path / "street.ply")
+    finish(session)
+    np.testing.assert_allclose(session.state.viewpoint.world_from_camera, left.world_from_camera)
+    assert session.document.scene.sky is not None
+    assert session.orientation.estimate is None, "nobody asks which way is up"

@@ -1,0 +1,32 @@
+"""Only the sky that photos saw between the splats counts as seen."""
+
+import numpy as np
+from procedural_street import procedural_street
+
+from instdrive_core.rasterize.sky_evidence import fill_scene_sky, measure_sky_evidence
+from instdrive_core.scene.sky import Sky, find_cube_taps
+
+
+def test_evidence_is_where_a_camera_sees_past_the_splats():
+    scene = procedural_street(0.5)
+    evidence = measure_sky_evidence(scene, 64)
+    flat = evidence.reshape(-1)
+
+    def look(*direction):
+        return flat[find_cube_taps(np.array([direction], np.float32), 64)[0][0]].max()
+
+    ahead = scene.views[0].camera.world_from_camera[:3, 2]
+    assert look(*(ahead + np.array([0, 0, 0.25]))) > 0.9
+    assert look(*-ahead) < 0.01
+    assert look(0.0, 0.0, -1.0) < 0.01
+
+
+def test_noise_behind_the_cameras_is_filled_and_the_photos_views_keep_their_sky():
+    scene = procedural_street(0.5)
+    noise = np.random.default_rng(1).random((6, 32, 32, 3)).astype(np.float32)
+    scene.sky = Sky(noise)
+    filled = fill_scene_sky(scene).faces
+    changed = np.abs(filled - noise).max(axis=-1) > 1e-6
+    assert 0.5 < changed.mean() < 1
+    nadir = filled[5]
+    assert np.abs(np.diff(nadir, axis=0)).max() < 0.1
