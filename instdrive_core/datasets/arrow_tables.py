@@ -14,7 +14,10 @@ from instdrive_core.files.plain_file import require_plain_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
+_MOST_ROWS = 10_000_000
+"""Rows of one table; a Waymo segment has some ten thousand boxes."""
 _REMEDY = "Get the file again"
 
 
@@ -92,3 +95,56 @@ def _to_numpy(file: Path, table: pa.Table, name: str) -> ndarray:
         return np.asarray(column.to_numpy())
     except (ValueError, NotImplementedError) as error:
         raise DataError(file, f"the column '{name}' cannot be used ({error})", _REMEDY) from error
+
+
+def open_parquet(file: Path) -> pq.ParquetFile:
+    """Open a parquet file. Raises DataError where it is missing or damaged."""
+    import pyarrow.parquet as pq
+    from pyarrow import ArrowException
+
+    try:
+        return pq.ParquetFile(require_plain_file(file), page_checksum_verification=False)
+    except FileNotFoundError as error:
+        raise DataError(file, "is missing", _REMEDY) from error
+    except (ArrowException, OSError, ValueError, TypeError, KeyError, MemoryError) as error:
+        raise DataError(file, f"is no readable parquet table ({str(error)[:200]})", _REMEDY) from error
+
+
+def read_parquet_group(file: Path, names: tuple[str, ...], group: int | None = None) -> pa.Table:
+    """Read some columns of a parquet file: of one group of rows, or of all. Raises DataError where they are damaged."""
+    from pyarrow import ArrowException
+
+    opened = open_parquet(file)
+    missing = [name for name in names if name.partition("[list]")[0] not in opened.schema_arrow.names]
+    if missing:
+        found = ", ".join(opened.schema_arrow.names)[:300]
+        raise DataError(file, f"the column '{missing[0]}' is missing, found {found}", _REMEDY)
+    try:
+        table = opened.read(list(names)) if group is None else opened.read_row_group(group, list(names))
+        table.validate(full=True)
+    except (ArrowException, OSError, ValueError, TypeError, KeyError, IndexError, MemoryError) as error:
+        raise DataError(file, f"is no readable parquet table ({str(error)[:200]})", _REMEDY) from error
+    return require_columns(file, table, names)
+
+
+def locate_rows(file: Path) -> list[tuple[int, int]]:
+    """List the group of each row of a parquet file, and its place in that group."""
+    opened = open_parquet(file)
+    counts = [opened.metadata.row_group(group).num_rows for group in range(opened.num_row_groups)]
+    if sum(counts) > _MOST_ROWS or min(counts, default=0) < 0:
+        raise DataError(file, f"promises {sum(counts)} rows", _REMEDY)
+    return [(group, row) for group, count in enumerate(counts) for row in range(count)]
+
+
+def take_lists(file: Path, table: pa.Table, name: str, row: int) -> Float64[ndarray, " n"] | None:
+    """Return the list of finite numbers in a row of a column; None where the row is empty."""
+    cell = table.column(name)[row]
+    if not cell.is_valid:
+        return None
+    try:
+        values = np.asarray(cell.values.to_numpy(zero_copy_only=False))
+    except (AttributeError, ValueError, NotImplementedError) as error:
+        raise DataError(file, f"the column '{name}' holds no lists of numbers ({error})", _REMEDY) from error
+    if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+        raise DataError(file, f"the column '{name}' holds something that is no number in row {row}", _REMEDY)
+    return values.astype(np.float64)

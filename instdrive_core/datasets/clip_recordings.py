@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import Float64
@@ -66,7 +65,7 @@ def _describe_photo(frame: Frame, origin: Float64[ndarray, "3"]) -> RecordedPhot
     return RecordedPhoto(view.name, view.index, view.time + START, pose, Path(view.photo), partial(_open_photo, frame))
 
 
-def _open_photo(frame: Frame) -> BinaryIO:
+def _open_photo(frame: Frame) -> io.BufferedIOBase:
     """Open the photo's own file where it shows what the frame does, else a PNG of the frame."""
     image, file = frame.load_image(), Path(frame.view.photo)
     size = frame.view.camera.width, frame.view.camera.height

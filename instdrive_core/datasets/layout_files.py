@@ -89,3 +89,21 @@ def list_boxes(recording: Recording) -> dict[int, list[tuple[int, Track, Float64
             if abs(track.times[nearest] - time) < SAME_STEP:
                 boxes[step].append((place, track, track.world_from_box[nearest]))
     return boxes
+
+
+def find_level_heading(
+    frame: Float64[ndarray, "3 3"], forward: Float64[ndarray, "3"], axes: tuple[int, int]
+) -> Float64[ndarray, "2"]:
+    """Find the unit direction along two of a frame's axes that points, seen from above, where `forward` points.
+
+    Args:
+        frame: world from frame.
+        forward: in the world, z up.
+        axes: the two axes that a layout turns its boxes between.
+    """
+    sideways = np.cross([0, 0, 1.0], forward)
+    first, second = (frame.T @ sideways)[list(axes)]
+    heading = np.array([second, -first]) / max(float(np.hypot(first, second)), 1e-12)
+    full = np.zeros(3)
+    full[list(axes)] = heading
+    return heading if (frame @ full) @ forward > 0 else -heading

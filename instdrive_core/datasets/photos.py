@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from io import BufferedIOBase
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO, cast
 
 import numpy as np
 from jaxtyping import UInt8
@@ -36,7 +37,7 @@ def load_photo(photo: Path, full_size: tuple[int, int], size: tuple[int, int]) -
 
 
 def decode_photo(
-    photo: Path, opened: Callable[[], BinaryIO], full_size: tuple[int, int], size: tuple[int, int]
+    photo: Path, opened: Callable[[], BufferedIOBase], full_size: tuple[int, int], size: tuple[int, int]
 ) -> UInt8[ndarray, "h w 3"]:
     """Decode a photo that may lie within another file, averaged down to `size` (width, height).
 
@@ -49,7 +50,7 @@ def decode_photo(
     Raises DataError where it is damaged or of another size.
     """
     try:
-        with opened() as file, Image.open(file) as image:
+        with opened() as file, Image.open(cast(IO[bytes], file)) as image:
             check_pixels(photo, image.size)
             if image.size != full_size:
                 problem = f"is {image.size[0]}×{image.size[1]}, the camera's photos {full_size[0]}×{full_size[1]}"

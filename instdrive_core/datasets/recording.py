@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from io import BufferedIOBase
 from pathlib import Path
-from typing import BinaryIO
 
 from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
@@ -46,7 +46,7 @@ class RecordedPhoto:
     """OpenCV axes."""
     name: Path
     """Its file, or the file that holds it, for messages."""
-    open: Callable[[], BinaryIO]
+    open: Callable[[], BufferedIOBase]
     """Opens the encoded photo, e.g. a JPEG's bytes."""
 
     def read(self) -> bytes:
@@ -100,6 +100,6 @@ class Recording:
     """What a user should know before training."""
 
 
-def open_photo_file(path: Path) -> Callable[[], BinaryIO]:
+def open_photo_file(path: Path) -> Callable[[], BufferedIOBase]:
     """Build the function that opens a photo of its own file."""
     return partial(BoundedReader, path)

@@ -12,14 +12,18 @@ from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.colmap.clips import holds_colmap, load_colmap
 from instdrive_core.datasets.drivestudio.clips import holds_drivestudio, load_drivestudio
 from instdrive_core.datasets.drivestudio.write import write_drivestudio
+from instdrive_core.datasets.kitti.kitti360 import holds_kitti360, load_kitti360
 from instdrive_core.datasets.kitti.raw import holds_kitti_raw, load_kitti_raw
 from instdrive_core.datasets.kitti.tracking import holds_kitti_tracking, load_kitti_tracking
 from instdrive_core.datasets.kitti.write import write_kitti_raw, write_kitti_tracking
+from instdrive_core.datasets.kitti.write360 import write_kitti360
 from instdrive_core.datasets.nerfstudio import holds_nerfstudio, load_nerfstudio
 from instdrive_core.datasets.nuscenes.clips import holds_nuscenes, holds_t4, load_nuscenes, load_t4
 from instdrive_core.datasets.nuscenes.write import write_nuscenes, write_t4
 from instdrive_core.datasets.pandaset.clips import holds_pandaset, load_pandaset
 from instdrive_core.datasets.recording import Recording
+from instdrive_core.datasets.waymo.clips import holds_waymo, load_waymo
+from instdrive_core.datasets.waymo.write import write_waymo
 from instdrive_core.errors import DataError
 
 
@@ -65,6 +69,13 @@ DATA_SETS = (
         write_kitti_tracking,
     ),
     DataSet(
+        "KITTI-360",
+        "a drive below 'data_2d_raw', e.g. 2013_05_28_drive_0003_sync, with 'calibration' and 'data_poses' beside that",
+        holds_kitti360,
+        load_kitti360,
+        write_kitti360,
+    ),
+    DataSet(
         "Argoverse 2",
         "one log of the sensor data set, with 'city_SE3_egovehicle.feather', 'calibration' and 'sensors'",
         holds_argoverse,
@@ -77,6 +88,13 @@ DATA_SETS = (
         holds_nuscenes,
         load_nuscenes,
         write_nuscenes,
+    ),
+    DataSet(
+        "Waymo",
+        "tables of version 2 by component, and the name of a segment after their folder, e.g. training/1001…_000",
+        holds_waymo,
+        load_waymo,
+        write_waymo,
     ),
     DataSet("T4", "a data set of TIER IV with tables in 'annotation'", holds_t4, load_t4, write_t4),
 )

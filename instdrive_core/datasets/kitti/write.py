@@ -18,6 +18,7 @@ from instdrive_core.datasets.kitti.numbers import format_time, oxts_from_pose, p
 from instdrive_core.datasets.kitti.raw import CALIBRATIONS
 from instdrive_core.datasets.layout_files import (
     encode_png,
+    find_level_heading,
     list_boxes,
     number_steps,
     place_cameras,
@@ -159,24 +160,6 @@ def _pack_points(sweep: RecordedSweep, world_from_velodyne: Pose) -> bytes:
     loaded, inverse = sweep.load(), invert_pose(world_from_velodyne)
     points = loaded.points @ inverse[:3, :3].T + inverse[:3, 3]
     return np.column_stack([points, loaded.intensity]).astype("<f4").tobytes()
-
-
-def find_level_heading(
-    frame: Float64[ndarray, "3 3"], forward: Float64[ndarray, "3"], axes: tuple[int, int]
-) -> Float64[ndarray, "2"]:
-    """Find the unit direction along two of a frame's axes that points, seen from above, where `forward` points.
-
-    Args:
-        frame: world from frame.
-        forward: in the world, z up.
-        axes: the two axes that a layout turns its boxes between.
-    """
-    sideways = np.cross([0, 0, 1.0], forward)
-    first, second = (frame.T @ sideways)[list(axes)]
-    heading = np.array([second, -first]) / max(float(np.hypot(first, second)), 1e-12)
-    full = np.zeros(3)
-    full[list(axes)] = heading
-    return heading if (frame @ full) @ forward > 0 else -heading
 
 
 def _describe_tracklets(recording: Recording, plan: _Plan) -> str:

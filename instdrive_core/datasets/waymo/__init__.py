@@ -1,0 +1,1 @@
+"""Segments of the Waymo Open Dataset as parquet tables (version 2)."""
