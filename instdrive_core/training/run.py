@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.atomic import write_bytes
 from instdrive_core.formats.folder.scenes import write_scene_folder
 from instdrive_core.masks.label_map_folder import MaskFolder
+from instdrive_core.masks.lidar.scene import build_lidar_scene
 from instdrive_core.masks.making import ensure_masks
 from instdrive_core.masks.photo_fit import describe_misfit
 from instdrive_core.scene.exposure import Exposures
@@ -116,7 +118,7 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
             _note_movers_without_node(clip, request.config, trainer.model.actor_poses.tracks, notes.add)
         _write_json(out / CONFIG, _config_facts(request, masks))
         _train(trainer, out, on_event)
-        learned = _learn_instances(request, trainer, notes.add) if trainer.has_masks else None
+        learned = _learn_instances(request, clip, trainer, notes.add) if trainer.has_masks else None
         notes.add("naming instances and writing the scene")
         scene = export_trained_scene(trainer.model, clip, request.config, learned, _export_exposures(trainer))
     write_scene_folder(out, scene)
@@ -136,11 +138,15 @@ def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> No
             on_event(event)
 
 
-def _learn_instances(request: RunRequest, trainer: Trainer, on_note: Callable[[str], None]) -> LearnedInstances:
+def _learn_instances(
+    request: RunRequest, clip: Clip, trainer: Trainer, on_note: Callable[[str], None]
+) -> LearnedInstances:
     trainer.continue_on_cpu()
     learner = request.learner
     if learner is None and request.config.instances.learned_by == "votes":
-        learner = vote_instances
+        learner = partial(
+            vote_instances, build_lidar=partial(build_lidar_scene, clip) if clip.training_sweeps else None
+        )
     if learner is None:
         return read_codewords(trainer.model.gaussians().features)
     return learner(trainer.model, trainer.store, request.config, on_note)

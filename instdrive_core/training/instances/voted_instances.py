@@ -16,12 +16,14 @@ from instdrive_core.instances.codebook import decode_codewords
 from instdrive_core.instances.interiors import fill_compact_objects, fill_from_nearest
 from instdrive_core.instances.separated_codes import generate_separated_codewords
 from instdrive_core.instances.similarity import fill_from_similar
+from instdrive_core.masks.lidar.scene import LidarScene
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.affinity_graph import merge_groups
 from instdrive_core.training.instances.instance_learner import LearnedInstances
+from instdrive_core.training.instances.lidar_things import add_lidar_masks, assign_lidar_things, measure_silence
 from instdrive_core.training.instances.mask_votes import compute_vote_shares, vote_groups
 from instdrive_core.training.instances.mask_weights import MaskWeights, measure_mask_weights
 from instdrive_core.training.instances.superpoints import find_neighbor_pairs, join_superpoints
@@ -33,25 +35,37 @@ _FEATURE = 0.5
 
 
 def vote_instances(
-    model: SceneModel, store: ViewStore, config: TrainConfig, on_note: Callable[[str], None]
+    model: SceneModel,
+    store: ViewStore,
+    config: TrainConfig,
+    on_note: Callable[[str], None],
+    build_lidar: Callable[[], LidarScene] | None = None,
 ) -> LearnedInstances:
-    """Learn one codeword per object by votes (an `InstanceLearner`); a moving object is one by its track."""
+    """Learn one codeword per object by votes (an `InstanceLearner`); a moving object is one by its track.
+
+    `build_lidar` finds the things of the drive in its sweeps, and is called where masks leave something out.
+    """
     on_note(f"looking at the masks of {sum(photo.has_masks for photo in store.facts)} photos")
-    refills = config.graph.max_unmasked < 1
-    observed = measure_mask_weights(model, store, config.instances.min_alpha, with_unmasked=refills)
+    observed = measure_mask_weights(model, store, config.instances.min_alpha, with_unmasked=True)
     means = model.parameters["means"].detach().numpy()
+    masks = len(observed.view_of_mask)
+    silence = measure_silence(observed, model.nodes == 0)
+    if build_lidar is not None and silence >= config.graph.min_silence:
+        on_note(f"{silence / (1 + silence):.0%} of what the photos show is in no mask: LiDAR has a say in it")
+        things = assign_lidar_things(means, model.nodes, build_lidar(), config.graph.lidar_reach)
+        observed = add_lidar_masks(observed, things, silence)
     groups = _first_groups(observed, means, model.nodes, config.graph)
     voting = np.flatnonzero(groups >= 0)
     fixed = model.nodes[voting] > 0
     groups[voting] = vote_groups(observed.select_rows(voting), groups[voting], fixed, config.graph)
-    if refills:
+    if config.graph.max_unmasked < 1:
         groups = _refill_unmasked(groups, observed, model, config.graph)
     groups = fill_from_nearest(groups, means, model.nodes)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
     groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, compute_vote_shares(observed, groups))
     _, groups = np.unique(groups, return_inverse=True)
     codes, bits = generate_separated_codewords(int(groups.max()) + 1)
-    on_note(f"{len(observed.view_of_mask):,} masks show {len(codes)} objects: codewords of {bits} bits")
+    on_note(f"{masks:,} masks show {len(codes)} objects: codewords of {bits} bits")
     codewords = codes[groups]
     return LearnedInstances(codewords, _FEATURE * decode_codewords(codewords, bits), bits, whole=True)
 

@@ -161,7 +161,12 @@ class GraphConfig:
     """Share of Gaussians that change, below which voting ends."""
     min_fit: float = 0.2
     """Groups that fit their masks less (mean of the best IoU per photo) are fragments and are given away."""
-    max_unmasked: float = 1.0
+    min_silence: float = 0.02
+    """Weight in no mask, as a multiple of that in masks, from which on LiDAR's things count like the masks of one more
+    photo."""
+    lidar_reach: float = 0.3
+    """Metres from a LiDAR point within which Gaussians belong to its thing: as far as its points hang together."""
+    max_unmasked: float = 0.8
     """Gaussians that show more than this share of their weight where no mask is take the ID of similar neighbours; 1 =
     none do."""
     similar_neighbors: int = 16
