@@ -154,7 +154,8 @@ def end_with_parent() -> None:
 def _make_clip(cell: Cell, place: Workplace) -> dict[str, Any]:
     seed, folder, scale = find_street_seed(cell.clip), place.clip(cell.name), place.scale
     if seed is not None:
-        from instdrive_core.datasets.synthetic import StreetConfig, write_street
+        from instdrive_core.datasets.synthetic.config import StreetConfig
+        from instdrive_core.datasets.synthetic.write import write_street
 
         shutil.rmtree(folder, ignore_errors=True)  # half a clip, where this cell was cut off before
         folder.parent.mkdir(parents=True, exist_ok=True)

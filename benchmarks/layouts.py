@@ -19,7 +19,8 @@ from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.clip_comparison import compare_clips
 from instdrive_core.datasets.clip_recordings import record_clip
 from instdrive_core.datasets.registry import DATA_SETS, DataSet, load_clip
-from instdrive_core.datasets.synthetic import StreetConfig, write_street
+from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.write import write_street
 
 
 @dataclass(frozen=True)

@@ -99,6 +99,12 @@ class RandomEdits:
             "merge_instances": lambda: {"ids": (chosen := ids()), "into": pick(chosen)},
             "move_instances": self._move,
             "reassign_selected": lambda: {"into": pick((None, 0, one()))},
+            "paint_instances": lambda: {
+                "ids": ids(),
+                "color": [self._float(0, 1) for _ in range(3)],
+                "tolerance": self._float(0, 1),
+                "reference": pick((None, [self._float(0, 1) for _ in range(3)])),
+            },
             "recolor_instances": lambda: {
                 "ids": ids(),
                 "mode": pick(("tint", "solid", "hue")),

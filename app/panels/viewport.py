@@ -103,6 +103,8 @@ class ViewportPanel:
         buttons = imgui.ButtonFlags_
         all_buttons = buttons.mouse_button_left | buttons.mouse_button_right | buttons.mouse_button_middle
         imgui.invisible_button(PICTURE, ImVec2(place.width, place.height), all_buttons)
+        if imgui.is_item_hovered() and any(imgui.is_mouse_clicked(button) for button in range(3)):
+            imgui.set_window_focus()  # also where the press comes with the mouse, before ImGui knows what is below it
         return imgui.is_item_hovered(), imgui.is_item_active()
 
     def _navigate(self, ui: Ui, place: Rectangle, hovered: bool, active: bool) -> None:

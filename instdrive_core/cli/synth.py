@@ -30,7 +30,8 @@ def record_synthetic_drive(
     """
     from rich.progress import Progress
 
-    from instdrive_core.datasets.synthetic import StreetConfig, write_street
+    from instdrive_core.datasets.synthetic.config import StreetConfig
+    from instdrive_core.datasets.synthetic.write import write_street
 
     config = StreetConfig(seed=seed, steps=steps, width=width, height=height, flaws=flaws)
     with Progress(transient=True) as bar:

@@ -12,7 +12,8 @@ from instdrive_core.baselines.gaussian_grouping import learn_gaussian_grouping
 from instdrive_core.baselines.opengaussian import SHORT as OPEN
 from instdrive_core.baselines.opengaussian import learn_opengaussian
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.datasets.synthetic import StreetConfig, write_street
+from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.training.run import RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, build_train_config

@@ -8,7 +8,7 @@ import pytest
 from painted_street import painted_clip
 from PIL import Image
 
-from instdrive_core.masks import making
+from instdrive_core.masks.faults.registry import FrameFaultSource
 from instdrive_core.masks.journal import JOURNAL
 from instdrive_core.masks.label_map_folder import SIDECAR, open_masks
 from instdrive_core.masks.making import make_masks
@@ -59,8 +59,8 @@ def test_an_interrupted_folder_goes_on_and_becomes_the_same(clip, tmp_path, monk
     interrupted(clip, parts, faults="sam-v1")
     assert not (parts / SIDECAR).exists()
     made = []
-    real = making._make_frame_masks
-    monkeypatch.setattr(making, "_make_frame_masks", lambda *each: made.append(each[1].key) or real(*each))
+    real = FrameFaultSource.load
+    monkeypatch.setattr(FrameFaultSource, "load", lambda self, frame: made.append(frame.key) or real(self, frame))
     assert progress_of(clip, parts, faults="sam-v1") == [2, 3]
     assert made == [clip.training_frames[-1].key]
     assert (parts / SIDECAR).read_bytes() == (whole / SIDECAR).read_bytes()

@@ -14,7 +14,8 @@ import pytest
 from safetensors.numpy import load_file
 
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.datasets.synthetic import StreetConfig, write_street
+from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.errors import DataError
 from instdrive_core.files import atomic
 from instdrive_core.formats.folder.scenes import read_scene_folder

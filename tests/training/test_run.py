@@ -10,7 +10,8 @@ from safetensors.numpy import load_file
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.datasets.synthetic import StreetConfig, write_street
+from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.folder.scenes import read_scene_folder

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float64, Int64
 from numpy import ndarray
 
@@ -37,6 +36,8 @@ def describe_pose(pose: Pose) -> dict[str, dict[str, float]]:
 def write_table(path: Path, columns: dict[str, ndarray], index_name: str | None = None) -> None:
     """Write a gzipped pickle of a plain DataFrame: numpy columns, texts and column names as objects rather than pandas'
     own strings (which need pyarrow where that is installed), no time of day in the gzip header."""
+    import pandas as pd
+
     texts = {name: pd.Series(values, dtype=object) for name, values in columns.items() if values.dtype.kind in "OU"}
     table = pd.DataFrame(columns | texts)
     table.columns = pd.Index(list(columns), dtype=object)

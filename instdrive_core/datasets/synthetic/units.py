@@ -14,6 +14,7 @@ from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 
 from instdrive_core.datasets.synthetic.config import CONFIG_FILE, STEP_SECONDS, RecordingFlaws, StreetConfig
+from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.materials import (
     BARK,
@@ -28,7 +29,6 @@ from instdrive_core.datasets.synthetic.world.materials import (
 )
 from instdrive_core.datasets.synthetic.world.rig import CAMERAS
 from instdrive_core.datasets.synthetic.world.street import StepGeometry
-from instdrive_core.datasets.synthetic.write import compute_ego_pose
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.json_fields import read_json, require_field
 

@@ -39,8 +39,9 @@ from instdrive_core.datasets.synthetic.sensors.lidar import cast_sweep
 from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
 from instdrive_core.datasets.synthetic.sensors.render import EXPOSURE, RenderedPhoto, StepRenderer
 from instdrive_core.datasets.synthetic.sensors.rolling_shutter import Exposure, photograph_rows
+from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose, compute_lidar_pose
 from instdrive_core.datasets.synthetic.world.layout import build_street
-from instdrive_core.datasets.synthetic.world.rig import CAMERAS, EGO_HEIGHT, LIDAR_POSITION, RigCamera
+from instdrive_core.datasets.synthetic.world.rig import CAMERAS, RigCamera
 from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.errors import DataError
 from instdrive_core.scene.camera import Camera
@@ -81,20 +82,6 @@ def write_street(out: Path, config: StreetConfig, progress: Progress | None = No
             recorder.write_step(step, time, renderer, pool)
             if progress is not None:
                 progress(step + 1, config.steps)
-
-
-def compute_ego_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
-    """Compute street_from_ego, the pose of the recording car (x right, y forward, z up)."""
-    pose = street.ego.pose(time, street.height)
-    pose[2, 3] += EGO_HEIGHT
-    return pose
-
-
-def compute_lidar_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
-    """Compute street_from_lidar, the pose of the LiDAR."""
-    mount = np.eye(4)
-    mount[:3, 3] = LIDAR_POSITION
-    return compute_ego_pose(street, time) @ mount
 
 
 def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list[float]) -> None:

@@ -26,7 +26,7 @@ def test_the_main_job(window, tmp_path):
     window.click(*window.pixel_of(BLUE_CAR_REAR))
     window.wait_for_selection(BLUE_CAR)
     window.click_widget("inspector.color.orange")
-    state = window.wait_for(lambda state: state["history"][-1].startswith("Tint"), "the recolour")
+    state = window.wait_for(lambda state: state["history"][-1].startswith("Paint"), "the new colour")
     assert state["cursor"] == len(state["history"])
     exported = tmp_path / "edited.ply"
     window.export(exported)
@@ -63,7 +63,7 @@ def check_export(path, scene):
     for channel in range(3):
         colors, old = found[f"f_dc_{channel}"], before.sh_dc[kept, channel]
         np.testing.assert_array_equal(colors[~blue], old[~blue])
-        assert (colors[blue] != old[blue]).mean() > 0.99
+        assert 0.6 < (colors[blue] != old[blue]).mean() < 0.95, "the body is painted, glass and tyres are not"
     means = [found[f"f_dc_{channel}"][blue].mean() for channel in range(3)]
     assert means[0] > means[1] > means[2], "the blue car became orange"
 

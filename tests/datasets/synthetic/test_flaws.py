@@ -11,16 +11,17 @@ import pytest
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.datasets.synthetic import RecordingFlaws, StreetConfig, write_street
+from instdrive_core.datasets.synthetic.config import RecordingFlaws, StreetConfig
 from instdrive_core.datasets.synthetic.flaws import compute_exposure_factor, disturb_pose, shift_box
 from instdrive_core.datasets.synthetic.sensors import rolling_shutter
 from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
 from instdrive_core.datasets.synthetic.sensors.render import EXPOSURE, StepRenderer
 from instdrive_core.datasets.synthetic.sensors.rolling_shutter import Exposure, compute_row_times, photograph_rows
+from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose
 from instdrive_core.datasets.synthetic.world.ground import STREET_SPAN
 from instdrive_core.datasets.synthetic.world.layout import build_street, compute_street_span
 from instdrive_core.datasets.synthetic.world.rig import CAMERAS
-from instdrive_core.datasets.synthetic.write import STEP_SECONDS, compute_ego_pose
+from instdrive_core.datasets.synthetic.write import STEP_SECONDS, write_street
 from instdrive_core.errors import OptionError
 from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.scene.camera import Camera

@@ -13,13 +13,14 @@ from PIL import Image
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.datasets.synthetic import StreetConfig, write_street
+from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
 from instdrive_core.datasets.synthetic.sensors.render import compute_subsample_directions
+from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.rig import CAMERAS, EGO_HEIGHT, compute_beam_elevations
 from instdrive_core.datasets.synthetic.world.street import Street
-from instdrive_core.datasets.synthetic.write import STEP_SECONDS, compute_ego_pose
+from instdrive_core.datasets.synthetic.write import STEP_SECONDS, write_street
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.maths.rotations import matrix_from_quaternion

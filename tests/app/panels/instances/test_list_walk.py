@@ -72,6 +72,7 @@ def test_keys_walk_through_the_list_in_the_window(window):
     window.wait_for_selection(FIRST_CAR)
     left, top, _, _ = window.wait_for_rect("picture")
     window.click(left + 300, top + 60)
+    window.wait_for_selection()
     window.tap("Home")
     window.wait_for(lambda state: state["camera"] != camera, "Home to frame everything after a click into the view")
     assert window.quit() == 0
