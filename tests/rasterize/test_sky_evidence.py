@@ -1,9 +1,11 @@
 """Only the sky that photos saw between the splats counts as seen."""
 
+from dataclasses import replace
+
 import numpy as np
 from procedural_street import procedural_street
 
-from instdrive_core.rasterize.sky_evidence import fill_scene_sky, measure_sky_evidence
+from instdrive_core.rasterize.sky_evidence import choose_spread_views, fill_scene_sky, measure_sky_evidence
 from instdrive_core.scene.sky import Sky, find_cube_taps
 
 
@@ -30,3 +32,15 @@ def test_noise_behind_the_cameras_is_filled_and_the_photos_views_keep_their_sky(
     assert 0.5 < changed.mean() < 1
     nadir = filled[5]
     assert np.abs(np.diff(nadir, axis=0)).max() < 0.1
+
+
+def test_every_camera_is_looked_through_also_where_those_of_a_moment_follow_each_other():
+    view = procedural_street(0.5).views[0]
+    names = [f"camera {number}" for number in range(6)]
+    views = [replace(view, name=name, index=step, time=step / 10) for step in range(30) for name in names]
+    chosen = choose_spread_views(views, 16)
+    assert {one.name for one in chosen} == set(names)
+    assert {one.index for one in chosen} >= {0, 29}
+    assert 16 <= len(chosen) <= 24
+    assert choose_spread_views(views[:1], 16) == views[:1]
+    assert choose_spread_views((), 16) == []
