@@ -213,6 +213,16 @@ def _control_rows(results: Results, places: Sequence[tuple[str, str, str]]) -> l
     return [[f"*{name}*", *(cell for each in controls for cell in _maps(each.get(name, {})))] for name in names]
 
 
+def _list_bound_rows(results: Results, place: Place, keys: dict[str, str]) -> list[list[str]]:
+    """What every method stands between: the controls that learn nothing, and the reference."""
+    controls = results.outcomes.get("/".join([*place, "instdrive"]), {}).get("controls", {})
+    ours = results.figures(*place, "instdrive")
+    return [
+        *([f"*{title}*", *(format_value(value(each, k)) for k in keys.values())] for title, each in controls.items()),
+        ["*reference*", *(format_value(value(ours, reference_key(key))) for key in keys.values())],
+    ]
+
+
 def _read_recorded(results: Results) -> str:
     keys = (
         {"things": "scene.miou_things"}
@@ -231,13 +241,8 @@ def _read_recorded(results: Results) -> str:
             rows.append(
                 [title, *(format_value(value(figures, k), d) for k, d in zip(keys.values(), digits, strict=True))]
             )
-        controls = results.outcomes.get("/".join([*place, "instdrive"]), {}).get("controls", {})
-        rows += [
-            [f"*{title}*", *(format_value(value(each, key)) for key in keys.values())]
-            for title, each in controls.items()
-        ]
+        rows += _list_bound_rows(results, place, keys)
         ours = results.figures(*place, "instdrive")
-        rows.append(["*reference*", *(format_value(value(ours, reference_key(key))) for key in keys.values())])
         privileged = "*privileged*: ground truth comes from the same annotations"
         note = f" ({privileged if masks == 'annotations' else 'no labels; moving objects come from cuboids'})"
         parts.append(f"Masks `{masks}`{note}:\n\n{table(['PandaSet 002, 6 cameras', *keys], rows)}")
@@ -328,13 +333,7 @@ def _lidar_and_selection(results: Results) -> str:
             [title, *(format_value(value(results.figures(*place, method, variant, row), key)) for key in keys.values())]
             for title, method, variant, row in list_method_rows(results, [place])
         ]
-        controls = results.outcomes.get("/".join([*place, "instdrive"]), {}).get("controls", {})
-        rows += [
-            [f"*{title}*", *(format_value(value(each, key)) for key in keys.values())]
-            for title, each in controls.items()
-        ]
-        ours = results.figures(*place, "instdrive")
-        rows.append(["*reference*", *(format_value(value(ours, reference_key(key))) for key in keys.values())])
+        rows += _list_bound_rows(results, place, keys)
         parts.append(table([name, *keys], rows))
     parts.append("Things, stuff: scene mIoU of each. Shared codes: codes that count for several objects.")
     return "\n\n".join(parts)

@@ -160,12 +160,16 @@ def _order_photos(root: Path, photos: list[PosedPhoto], asked: str) -> list[tupl
     by_camera: dict[str, list[PosedPhoto]] = {}
     for photo in sorted(photos, key=lambda photo: photo.name):
         by_camera.setdefault(get_camera_name(photo), []).append(photo)
-    names = _choose_cameras(root, tuple(by_camera), asked)
+    names = choose_cameras(root, tuple(by_camera), asked)
     steps = [(step, rank, photo) for rank, name in enumerate(names) for step, photo in enumerate(by_camera[name])]
     return [(step, photo) for step, _, photo in sorted(steps, key=lambda entry: entry[:2])]
 
 
-def _choose_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[str, ...]:
+def choose_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[str, ...]:
+    """Choose cameras by their number, the first of those `present` (``1``, ``3`` or ``6`` for all), or by names.
+
+    Raises OptionError for a name that is not there.
+    """
     if asked in _CAMERA_COUNTS:
         return present[: _CAMERA_COUNTS[asked]]
     names = tuple(dict.fromkeys(name.strip() for name in asked.split(",") if name.strip()))

@@ -24,7 +24,7 @@ from instdrive_core.datasets.clip import (
 )
 from instdrive_core.datasets.distortion import find_covered_pixels, undistort
 from instdrive_core.datasets.photos import decode_photo
-from instdrive_core.datasets.posed_photos import DEFAULT_WIDTH, describe_start
+from instdrive_core.datasets.posed_photos import DEFAULT_WIDTH, choose_cameras, describe_start
 from instdrive_core.datasets.recording import Lens, RecordedPhoto, RecordedSweep, Recording
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.scene.camera import Camera, CameraView
@@ -32,7 +32,6 @@ from instdrive_core.scene.track import Track
 
 logger = logging.getLogger(__name__)
 
-_CAMERA_COUNTS = {"1": 1, "3": 3, "6": None}
 MOVING_EXTENT = 1.0
 """Metres: what gets farther than this from where it was is moving; annotators' jitter adds up to more over a log."""
 
@@ -47,7 +46,8 @@ def build_recorded_clip(recording: Recording, options: ClipOptions) -> Clip:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
     if not recording.photos:
         raise DataError(recording.root, "holds no photo", "Get the data set's photos, too")
-    names = _choose_cameras(recording, options.cameras)
+    present = tuple(name for name in recording.lenses if any(photo.camera == name for photo in recording.photos))
+    names = choose_cameras(recording.root, present, options.cameras)
     low = -math.inf if options.first_frame is None else options.first_frame
     high = math.inf if options.last_frame is None else options.last_frame
     photos = [photo for photo in recording.photos if photo.camera in names and low <= photo.step <= high]
@@ -86,20 +86,6 @@ def build_recorded_clip(recording: Recording, options: ClipOptions) -> Clip:
         points=None if sweeps else SparsePoints.none(),
         notes=(*notes, *recording.notes, *(() if sweeps else (describe_start(0),))),
     )
-
-
-def _choose_cameras(recording: Recording, asked: str) -> tuple[str, ...]:
-    present = tuple(name for name in recording.lenses if any(photo.camera == name for photo in recording.photos))
-    if asked in _CAMERA_COUNTS:
-        return present[: _CAMERA_COUNTS[asked]]
-    names = tuple(dict.fromkeys(name.strip() for name in asked.split(",") if name.strip()))
-    unknown = [name for name in names if name not in present]
-    if unknown or not names:
-        raise OptionError(
-            f"{recording.root} has no camera '{', '.join(unknown) or asked}'; "
-            f"choose {', '.join(_CAMERA_COUNTS)} or names of {', '.join(present)}"
-        )
-    return names
 
 
 Hiding = Callable[[Lens], tuple[Camera, Bool[ndarray, "h w"] | None]]

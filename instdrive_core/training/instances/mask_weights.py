@@ -60,12 +60,8 @@ class MaskWeights:
         return self.unmasked / np.maximum(self.unmasked + masked, 1e-6)
 
 
-def measure_mask_weights(
-    model: SceneModel, store: ViewStore, min_alpha: float, with_unmasked: bool = False
-) -> MaskWeights:
+def measure_mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) -> MaskWeights:
     """Look at every view that has masks, layer by layer; pixels with less than `min_alpha` opacity are left out.
-
-    `with_unmasked` looks at pixels in no mask as well.
 
     The model is on the CPU. The same input gives the same bits, whatever the number of threads.
     """
@@ -79,28 +75,27 @@ def measure_mask_weights(
         if not any(layer.any() for layer in view.layers):
             continue
         layers = max(layers, len(view.layers))
-        rows, weights, pixels = _look_at_grid(model, view, number, min_alpha, with_unmasked)
+        rows, weights, pixels = _look_at_grid(model, view, number, min_alpha)
         labels = [layer.ravel()[pixels] for layer in view.layers]
         for layer, labels_of_pixels in enumerate(labels):
             local, masks, values, count = _sum_in_masks(weights, labels_of_pixels, len(rows))
             used, counts = np.unique(rows[local].astype(np.int32), return_counts=True)
             parts.append(_ViewWeights(used, counts.astype(np.int32), masks + np.int32(len(view_of_mask)), values))
             view_of_mask += [number * MAX_LAYERS + layer] * count
-        if with_unmasked:
-            bare = weights.select_pixels(~np.any(labels, axis=0))
-            unmasked[rows] += np.bincount(bare.rows, bare.weights, len(rows)).astype(np.float32)
+        bare = weights.select_pixels(~np.any(labels, axis=0))
+        unmasked[rows] += np.bincount(bare.rows, bare.weights, len(rows)).astype(np.float32)
     store.release()
     numbers = np.array(view_of_mask, np.int32)
     numbers = numbers // MAX_LAYERS * layers + numbers % MAX_LAYERS
     weights_in_masks = _by_gaussian(parts, (len(model), len(view_of_mask)))
-    return MaskWeights(weights_in_masks, numbers, layers, unmasked if with_unmasked else None)
+    return MaskWeights(weights_in_masks, numbers, layers, unmasked)
 
 
 def _look_at_grid(
-    model: SceneModel, view: TrainingView, number: int, min_alpha: float, with_unmasked: bool
+    model: SceneModel, view: TrainingView, number: int, min_alpha: float
 ) -> tuple[Int64[ndarray, " v"], BlendWeights, Int64[ndarray, " p"]]:
     """Rows of Gaussians that a view may show, their weights in the opaque pixels of its grid, and these pixels."""
-    pixels = _list_grid_pixels(view, number, with_unmasked)
+    pixels = _list_grid_pixels(view, number)
     rows, weights = compute_view_weights(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
     return rows, weights.select_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
@@ -118,18 +113,17 @@ def _sum_in_masks(
     return used[local], masks, values.copy(), len(present)  # a slice would keep the room for all pixels in memory
 
 
-def _list_grid_pixels(view: TrainingView, number: int, with_unmasked: bool) -> Int64[ndarray, " p"]:
+def _list_grid_pixels(view: TrainingView, number: int) -> Int64[ndarray, " p"]:
     """Flat indices of the pixels on the view's grid that a mask covers, or else could cover, rising."""
     shape = view.image.shape[:2]
     step = max(1, round(sqrt(shape[0] * shape[1] / PIXELS_PER_VIEW)))
     top, left = number % step, number // step % step
     on_grid = np.zeros(shape, bool)
     on_grid[top::step, left::step] = True
-    looked_at = np.any(view.layers, axis=0)
-    if with_unmasked:
-        could_be = np.ones(shape, bool) if view.sky is None else ~view.sky
-        looked_at |= could_be if view.valid is None else could_be & view.valid
-    return np.flatnonzero(on_grid & looked_at)
+    could_be = np.ones(shape, bool) if view.sky is None else ~view.sky
+    if view.valid is not None:
+        could_be &= view.valid
+    return np.flatnonzero(on_grid & (could_be | np.any(view.layers, axis=0)))
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ def vote_instances(
     `build_lidar` finds the things of the drive in its sweeps, and is called where masks leave something out.
     """
     on_note(f"looking at the masks of {sum(photo.has_masks for photo in store.facts)} photos")
-    observed = measure_mask_weights(model, store, config.instances.min_alpha, with_unmasked=True)
+    observed = measure_mask_weights(model, store, config.instances.min_alpha)
     means = model.parameters["means"].detach().numpy()
     masks = len(observed.view_of_mask)
     silence = measure_silence(observed, model.nodes == 0)
