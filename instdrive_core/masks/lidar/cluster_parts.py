@@ -67,7 +67,10 @@ def join_vehicle_parts(
 
 
 def claim_insides(
-    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], vehicles: Iterable[int], above: Float32[ndarray, " n"]
+    points: Float32[ndarray, "n 3"],
+    clusters: Int32[ndarray, " n"],
+    vehicles: Iterable[int],
+    above: Float32[ndarray, " n"],
 ) -> Int32[ndarray, " n"]:
     """Give vehicles what lies above their footprints and below their tops: seats and dashboards, met through glass.
 
