@@ -37,7 +37,7 @@ from instdrive_core.training.instances.voted_instances import vote_instances
 from instdrive_core.training.memory_check import check_training_memory, measure_peak_memory
 from instdrive_core.training.run_log import RunLog
 from instdrive_core.training.settings.clip_size import AskedSizes, fit_to_clip, measure_way
-from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, TrainConfig
+from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, TrainConfig, keep_cameras
 from instdrive_core.training.settings.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.view_store import ViewStore, open_view_store
@@ -101,6 +101,8 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     if request.sizes is not None:
         request = replace(request, config=fit_to_clip(request.config, clip, request.sizes))
         notes.add(_describe_sizes(request.config, clip))
+    if not clip.training_sweeps:
+        request = replace(request, config=keep_cameras(request.config))
     check_training_memory(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
     clip = with_tracks(clip, request.tracks, out, notes.add)
@@ -120,7 +122,8 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
         _train(trainer, out, on_event)
         learned = _learn_instances(request, clip, trainer, notes.add) if trainer.has_masks else None
         notes.add("naming instances and writing the scene")
-        scene = export_trained_scene(trainer.model, clip, request.config, learned, _export_exposures(trainer))
+        exposures = _export_exposures(trainer)
+        scene = export_trained_scene(trainer.model, clip, request.config, learned, exposures, trainer.cameras)
     write_scene_folder(out, scene)
     _write_json(
         out / FACTS, _collect_facts(request, masks, trainer, backend.name, len(scene.table)) | {"notes": notes.told}
