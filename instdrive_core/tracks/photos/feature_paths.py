@@ -21,12 +21,15 @@ _LARGEST_LOOP = 0.7
 _DARKEST_DIFFERENCE = 25.0
 """Mean difference of grey values, of 255, above which a patch is another one."""
 
+_Path = list[tuple[int, float, float]]
+"""Photo, column and row of a corner, photo after photo."""
+
 
 @dataclass(frozen=True)
 class FeaturePaths:
     """Paths of corners, those of one path one after the other."""
 
-    starts: Int64[ndarray, " n+1"]
+    starts: Int64[ndarray, " b"]
     """Where each path begins in `photos` and `places`; last their length."""
     photos: Int32[ndarray, " k"]
     """Number of the photo, rising by one along a path."""
@@ -53,8 +56,8 @@ def follow_corners(photos: Iterable[tuple[UInt8[ndarray, "h w"], Bool[ndarray, "
     Args:
         photos: grey photo, and where corners may be.
     """
-    alive: list[list[tuple[int, float, float]]] = []
-    done: list[list[tuple[int, float, float]]] = []
+    alive: list[_Path] = []
+    done: list[_Path] = []
     before: UInt8[ndarray, "h w"] | None = None
     for number, (photo, usable) in enumerate(photos):
         if before is not None and alive:
@@ -75,10 +78,11 @@ def follow_corners(photos: Iterable[tuple[UInt8[ndarray, "h w"], Bool[ndarray, "
     return _pack([path for path in (*done, *alive) if len(path) > 1])
 
 
-def _thin(paths: list, shape: tuple[int, ...]) -> tuple[list, list]:
+def _thin(paths: list[_Path], shape: tuple[int, ...]) -> tuple[list[_Path], list[_Path]]:
     """Paths that keep apart, the longest first, and those that ran into them."""
     taken = np.zeros((shape[0] // 3 + 1, shape[1] // 3 + 1), bool)
-    kept, crowded = [], []
+    kept: list[_Path] = []
+    crowded: list[_Path] = []
     for path in sorted(paths, key=len, reverse=True):
         cell = int(path[-1][2]) // 3, int(path[-1][1]) // 3
         (crowded if taken[cell] else kept).append(path)
@@ -125,7 +129,7 @@ def _find_corners(
     return np.zeros((0, 2), np.float32) if corners is None else corners.reshape(-1, 2) + np.float32(0.5)
 
 
-def _pack(paths: list[list[tuple[int, float, float]]]) -> FeaturePaths:
+def _pack(paths: list[_Path]) -> FeaturePaths:
     entries = np.array([entry for path in paths for entry in path], np.float64).reshape(-1, 3)
     starts = np.concatenate([[0], np.cumsum([len(path) for path in paths])]).astype(np.int64)
     return FeaturePaths(starts, entries[:, 0].astype(np.int32), entries[:, 1:].astype(np.float32))

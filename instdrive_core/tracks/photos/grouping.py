@@ -24,7 +24,7 @@ _SHARED_PATHS = 3
 
 
 def group_strands(
-    paths: FeaturePaths, links: RegionLinks, moving: Bool[ndarray, " s"], maps: Sequence[Int32[ndarray, "h w"]]
+    paths: FeaturePaths, links: RegionLinks, moving: Bool[ndarray, " s"], maps: Sequence[Int32[ndarray, "_ _"]]
 ) -> list[Int64[ndarray, " r"]]:
     """Group the regions of moving strands by the thing that they show; each group's regions in order of time.
 
@@ -55,7 +55,7 @@ def _belong_together(
     regions: dict[int, ndarray],
     paths: FeaturePaths,
     links: RegionLinks,
-    maps: Sequence[Int32[ndarray, "h w"]],
+    maps: Sequence[Int32[ndarray, "_ _"]],
 ) -> bool:
     mine, theirs = (_find_owners(paths, links, regions[strand]) for strand in (one, other))
     if len(np.intersect1d(mine, theirs)) >= _SHARED_PATHS:
@@ -87,7 +87,8 @@ def _find_flow(paths: FeaturePaths, rows: ndarray, photo: int) -> Float64[ndarra
     entries = np.flatnonzero((paths.photos == photo) & np.isin(owners, rows))
     entries = entries[entries + 1 < len(owners)]
     entries = entries[owners[entries + 1] == owners[entries]]
-    return np.median(paths.places[entries + 1] - paths.places[entries], axis=0) if len(entries) else None
+    steps = (paths.places[entries + 1] - paths.places[entries]).astype(np.float64)
+    return np.median(steps, axis=0) if len(entries) else None
 
 
 def _go_alike(one: ndarray | None, other: ndarray | None) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -20,34 +21,41 @@ _CLOSE = 0.15
 _LEAST_LOOKS = 3
 
 
+@dataclass(frozen=True)
+class ShownCorners:
+    """Corners of one photo that stand still."""
+
+    camera: Camera
+    places: Float64[ndarray, "k 2"]
+    """Column and row, pixels."""
+    nearest: Float64[ndarray, " k"]
+    """The smallest depth that each may have, metres along the optical axis."""
+    depths: Float64[ndarray, " k"]
+    """The likely depth of each."""
+
+
 def find_looked_through(
-    points: Float64[ndarray, "n 3"],
-    own: Sequence[Bool[ndarray, " n"]],
-    cameras: Sequence[Camera],
-    corners: Sequence[Float64[ndarray, "k 2"]],
-    nearest_depths: Sequence[Float64[ndarray, " k"]],
-    depths: Sequence[Float64[ndarray, " k"]],
+    points: Float64[ndarray, "n 3"], own: Bool[ndarray, "p n"], photos: Sequence[ShownCorners]
 ) -> Bool[ndarray, " n"]:
     """Find the points at whose place at least three photos show what lies behind, and hardly any shows something.
 
     Args:
         points: places in the world.
-        own: for each photo, the points that were measured in it; they are not asked for there.
-        cameras: of all photos.
-        corners: for each photo, pixels of corners that stand still.
-        nearest_depths: for each photo, the smallest depth that each corner may have, metres.
-        depths: for each photo, the likely depth of each corner, metres.
+        own: photo × point: whether the point was measured in the photo, which is not asked then.
+        photos: what the photos show.
     """
     through, met = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
-    for camera, mine, places, near, likely in zip(cameras, own, corners, nearest_depths, depths, strict=True):
-        if not len(places):
+    for photo, measured in zip(photos, own, strict=True):
+        if not len(photo.places):
             continue
-        pixels, depth = camera.project(points)
-        inside = (depth > 1) & (pixels > 0).all(axis=1) & (pixels[:, 0] < camera.width) & (pixels[:, 1] < camera.height)
-        rows = np.flatnonzero(inside & ~mine)
-        distances, index = KDTree(places).query(pixels[rows], distance_upper_bound=_BESIDE)
+        pixels, depth = photo.camera.project(points)
+        size = [photo.camera.width, photo.camera.height]
+        inside = (depth > 1) & (pixels > 0).all(axis=1) & (pixels < size).all(axis=1)
+        rows = np.flatnonzero(inside & ~measured)
+        found = KDTree(photo.places).query(pixels[rows], distance_upper_bound=_BESIDE)
+        distances, index = map(np.atleast_1d, found)
         beside = np.isfinite(distances)
         rows, index = rows[beside], index[beside]
-        through[rows] += near[index] > _BEHIND * depth[rows]
-        met[rows] += np.abs(likely[index] / depth[rows] - 1) < _CLOSE
+        through[rows] += photo.nearest[index] > _BEHIND * depth[rows]
+        met[rows] += np.abs(photo.depths[index] / depth[rows] - 1) < _CLOSE
     return (through >= _LEAST_LOOKS) & (through > 2 * met)

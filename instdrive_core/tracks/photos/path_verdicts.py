@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int8
+from jaxtyping import Bool, Float64, Int8, Int32
 from numpy import ndarray
 
 from instdrive_core.scene.camera import Camera
 from instdrive_core.tracks.photos.feature_paths import FeaturePaths, measure_speeds
-from instdrive_core.tracks.photos.looking_through import find_looked_through
+from instdrive_core.tracks.photos.looking_through import ShownCorners, find_looked_through
 from instdrive_core.tracks.photos.standing_ground import find_least_inverse_depths, measure_camera_height
 from instdrive_core.tracks.photos.static_fit import StaticFit, fit_standing_points
 
@@ -47,7 +47,7 @@ def judge_paths(rig: Sequence[CameraPaths]) -> list[Int8[ndarray, " n"]]:
         rig: cameras that saw the same place; each may look through what others saw.
     """
     judged = [_judge_by_fit(one) for one in rig]
-    known = np.concatenate([fit.points[sure] for fit, stands, sure in judged]) if judged else np.zeros((0, 3))
+    known = np.concatenate([fit.points[sure] for fit, _, sure in judged]) if judged else np.zeros((0, 3))
     judged = [_keep_above_ground(one, *found, known) for one, found in zip(rig, judged, strict=True)]
     shown = [_list_standing(one, fit, stands) for one, (fit, stands, _) in zip(rig, judged, strict=True)]
     verdicts = []
@@ -89,7 +89,11 @@ def _find_tolerances(one: CameraPaths, fit: StaticFit, says: Bool[ndarray, " n"]
 
 
 def _keep_above_ground(
-    one: CameraPaths, fit: StaticFit, stands: Bool[ndarray, " n"], sure: Bool[ndarray, " n"], known: ndarray
+    one: CameraPaths,
+    fit: StaticFit,
+    stands: Bool[ndarray, " n"],
+    sure: Bool[ndarray, " n"],
+    known: Float64[ndarray, "m 3"],
 ) -> Fitted:
     """Fit again, with no point below the ground: what drives ahead at our speed seems to be far below it."""
     positions = np.stack([camera.position for camera in one.cameras])
@@ -101,17 +105,7 @@ def _keep_above_ground(
     return above, *_compare(one, above, fit)
 
 
-@dataclass(frozen=True)
-class _ShownCorners:
-    """Standing corners of one photo."""
-
-    camera: Camera
-    places: Float64[ndarray, "k 2"]
-    nearest: Float64[ndarray, " k"]
-    depths: Float64[ndarray, " k"]
-
-
-def _list_standing(one: CameraPaths, fit: StaticFit, stands: Bool[ndarray, " n"]) -> list[_ShownCorners]:
+def _list_standing(one: CameraPaths, fit: StaticFit, stands: Bool[ndarray, " n"]) -> list[ShownCorners]:
     owners, shown = one.paths.owners, []
     likely = fit.inverse_depths
     share = likely / np.maximum(likely + 2 * fit.deviations, 1e-9)
@@ -120,33 +114,26 @@ def _list_standing(one: CameraPaths, fit: StaticFit, stands: Bool[ndarray, " n"]
         rows = owners[entries]
         depths = camera.project(fit.points[rows])[1]
         places = one.paths.places[entries].astype(np.float64)
-        shown.append(_ShownCorners(camera, places, depths * share[rows], depths))
+        shown.append(ShownCorners(camera, places, depths * share[rows], depths))
     return shown
 
 
-def _find_spans(paths: FeaturePaths) -> ndarray:
+def _find_spans(paths: FeaturePaths) -> Int32[ndarray, "n 2"]:
     """First and last photo of each path, (n, 2)."""
     return np.stack([paths.photos[paths.starts[:-1]], paths.photos[paths.starts[1:] - 1]], axis=1)
 
 
 def _are_looked_through(
     points: Float64[ndarray, "n 3"],
-    spans: ndarray,
-    own: int,
+    spans: Int32[ndarray, "n 2"],
+    number: int,
     rig: Sequence[CameraPaths],
-    shown: Sequence[Sequence[_ShownCorners]],
+    shown: Sequence[Sequence[ShownCorners]],
 ) -> Bool[ndarray, " n"]:
-    photos = [photo for of_camera in shown for photo in of_camera]
-    measured = [
-        (spans[:, 0] <= photo) & (photo <= spans[:, 1]) if number == own else np.zeros(len(points), bool)
-        for number, one in enumerate(rig)
+    """Which points of the camera `number`, measured in their spans of its photos, photos look through."""
+    own = [
+        (spans[:, 0] <= photo) & (photo <= spans[:, 1]) if camera == number else np.zeros(len(points), bool)
+        for camera, one in enumerate(rig)
         for photo in range(len(one.cameras))
     ]
-    return find_looked_through(
-        points,
-        measured,
-        [photo.camera for photo in photos],
-        [photo.places for photo in photos],
-        [photo.nearest for photo in photos],
-        [photo.depths for photo in photos],
-    )
+    return find_looked_through(points, np.stack(own), [photo for of_camera in shown for photo in of_camera])

@@ -46,7 +46,7 @@ class RegionLinks:
     """Region that each place of a path lies in, -1 = none."""
 
 
-def link_regions(paths: FeaturePaths, maps: Sequence[Int32[ndarray, "h w"]]) -> RegionLinks:
+def link_regions(paths: FeaturePaths, maps: Sequence[Int32[ndarray, "_ _"]]) -> RegionLinks:
     """Join the masks of following photos that share most of their paths.
 
     Args:

@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.scene.seen_moving import SeenMover, Sighting
-from instdrive_core.tracks.photos.feature_paths import drop_last_places, follow_corners
+from instdrive_core.tracks.photos.feature_paths import FeaturePaths, drop_last_places, follow_corners
 from instdrive_core.tracks.photos.grouping import group_strands
 from instdrive_core.tracks.photos.path_verdicts import SHORTEST, CameraPaths, judge_paths
 from instdrive_core.tracks.photos.region_votes import RegionLinks, find_moving_strands, link_regions
@@ -31,7 +31,7 @@ class FoundInPhotos:
     """What moves in a clip's photos."""
 
     movers: tuple[SeenMover, ...]
-    pixels: dict[str, Bool[ndarray, "h w"]]
+    pixels: dict[str, Bool[ndarray, "_ _"]]
     """By frame key: pixels that show something moving, a margin around it included; photos without any are missing."""
 
 
@@ -50,16 +50,20 @@ def find_seen_movers(
     by_camera = [[frame for frame in clip.training_frames if frame.view.name == name] for name in clip.camera_names]
     by_camera = [frames for frames in by_camera if len(frames) >= SHORTEST]
     on_stage("following corners through photos")
-    rig = [_follow(frames, masks) for frames in by_camera]
+    followed = [_follow(frames, masks) for frames in by_camera]
     on_stage("asking what stands")
+    rig = [
+        CameraPaths([frame.view.camera for frame in frames], drop_last_places(paths))
+        for frames, paths in zip(by_camera, followed, strict=True)
+    ]
     verdicts = judge_paths(rig)
     movers: list[SeenMover] = []
-    pixels: dict[str, Bool[ndarray, "h w"]] = {}
-    for frames, one, said in zip(by_camera, rig, verdicts, strict=True):
+    pixels: dict[str, Bool[ndarray, "_ _"]] = {}
+    for frames, paths, said in zip(by_camera, followed, verdicts, strict=True):
         maps = [masks.load(frame).labels.astype(np.int32) for frame in frames]
-        links = link_regions(one.paths, maps)
-        moving = find_moving_strands(one.paths, said, links)
-        for group in group_strands(one.paths, links, moving, maps):
+        links = link_regions(paths, maps)
+        moving = find_moving_strands(paths, said, links)
+        for group in group_strands(paths, links, moving, maps):
             shown = _show(group, links, maps)
             mover = _describe(shown, frames)
             if _stands_on_ground(mover, frames):
@@ -93,13 +97,13 @@ def _without_movers(frame: Frame, moving: Bool[ndarray, "h w"] | None) -> Frame:
     return replace(frame, valid=~moving if frame.valid is None else frame.valid & ~moving)
 
 
-def _follow(frames: Sequence[Frame], masks: MaskFolder) -> CameraPaths:
+def _follow(frames: Sequence[Frame], masks: MaskFolder) -> FeaturePaths:
     def look() -> Iterator[tuple[UInt8[ndarray, "h w"], Bool[ndarray, "h w"]]]:
         for frame in frames:
             usable = ~masks.load(frame).sky
             yield _to_grey(frame.load_image()), usable if frame.valid is None else usable & frame.valid
 
-    return CameraPaths([frame.view.camera for frame in frames], drop_last_places(follow_corners(look())))
+    return follow_corners(look())
 
 
 def _to_grey(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w"]:
@@ -107,13 +111,13 @@ def _to_grey(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w"]:
     return np.round(image @ np.array([0.299, 0.587, 0.114], np.float32)).astype(np.uint8)
 
 
-def _show(group: ndarray, links: RegionLinks, maps: Sequence[Int32[ndarray, "h w"]]) -> dict[int, Bool[ndarray, "h w"]]:
+def _show(group: ndarray, links: RegionLinks, maps: Sequence[Int32[ndarray, "_ _"]]) -> dict[int, Bool[ndarray, "_ _"]]:
     """The pixels of a thing, by photo."""
     photos = np.unique(links.photos[group]).tolist()
     return {photo: np.isin(maps[photo], links.labels[group[links.photos[group] == photo]]) for photo in photos}
 
 
-def _describe(shown: dict[int, Bool[ndarray, "h w"]], frames: Sequence[Frame]) -> SeenMover:
+def _describe(shown: dict[int, Bool[ndarray, "_ _"]], frames: Sequence[Frame]) -> SeenMover:
     sightings = []
     for photo, inside in shown.items():
         rows, columns = np.flatnonzero(inside.any(axis=1)).tolist(), np.flatnonzero(inside.any(axis=0)).tolist()
