@@ -14,7 +14,7 @@ MOST_CORNERS = 3000
 SPACING = 4
 """Pixels between corners."""
 _QUALITY = 0.001
-"""Of the strongest corner: smooth car bodies have weak ones only."""
+"""Share of the strongest corner's strength that a corner needs: smooth car bodies have weak ones only."""
 _WINDOW, _LEVELS = 13, 4
 _LARGEST_LOOP = 0.7
 """Pixels by which following there and back may miss the start."""

@@ -36,7 +36,7 @@ class CameraPaths:
     """Paths through the photos of one camera."""
 
     cameras: Sequence[Camera]
-    """Of each photo."""
+    """Camera of each photo."""
     paths: FeaturePaths
 
 

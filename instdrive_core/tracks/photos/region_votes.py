@@ -16,7 +16,9 @@ from instdrive_core.tracks.photos.feature_paths import FeaturePaths
 FEWEST_VOTES, LEAST_SHARE = 5, 0.65
 """Moving paths that a mask needs within a window, and of all paths that say something."""
 LEAST_SHARE_OF_ALL = 0.45
-"""The same over all photos of a mask: it may stand for a while."""
+"""Share of moving paths that a mask needs over all of its photos: it may stand for a while."""
+MOST_MOVING_OF_STANDING = 0.3
+"""Share of moving paths above which a mask does not surely stand."""
 VOTE_WIDTH = 12.0
 """A mask needs a moving path for so many pixels of its width: a few do not speak for a large one."""
 WINDOW = 5
@@ -26,9 +28,9 @@ FEWEST_WINDOWS = 2
 FEWEST_PHOTOS = 3
 """Photos in which a mask must be seen."""
 ENOUGH_VOTES, ENOUGH_PHOTOS = 8, 10
-"""Of moving paths and of photos, a mask needs at least one so many."""
+"""A mask needs so many moving paths, or so many photos."""
 _LINK_SHARE = 0.5
-"""Of the paths of both masks that go on, those that two masks must share to be the same thing."""
+"""Share of the paths of both masks that go on, which two masks must share to be the same thing."""
 
 
 @dataclass(frozen=True)
@@ -102,13 +104,30 @@ def find_moving_strands(paths: FeaturePaths, verdicts: Int8[ndarray, " n"], link
         votes = np.bincount(pairs[0][moved], minlength=count)
         total = np.bincount(pairs[0], minlength=count)
         agreeing += (votes >= FEWEST_VOTES) & (votes >= LEAST_SHARE * total)
-    pairs = np.unique(np.stack([strand, owner])[:, said != 0], axis=1)
-    all_votes = np.bincount(pairs[0][verdicts[pairs[1]] > 0], minlength=count)
-    all_said = np.bincount(pairs[0], minlength=count)
-    mean_areas = np.bincount(links.strands, links.areas, count) / np.maximum(
-        np.bincount(links.strands, minlength=count), 1
-    )
+    all_votes, all_said = tally_strands(paths, verdicts, links)
+    sizes = np.maximum(np.bincount(links.strands, minlength=count), 1)
+    mean_areas = np.bincount(links.strands, links.areas, count) / sizes
     moving = (agreeing >= FEWEST_WINDOWS) & (all_votes >= LEAST_SHARE_OF_ALL * all_said)
     moving &= all_votes >= np.sqrt(mean_areas) / VOTE_WIDTH
     spans = np.bincount(np.unique(np.stack([links.strands, links.photos]), axis=1)[0], minlength=count)
     return moving & (spans >= FEWEST_PHOTOS) & ((all_votes >= ENOUGH_VOTES) | (spans >= ENOUGH_PHOTOS))
+
+
+def find_standing_strands(
+    paths: FeaturePaths, verdicts: Int8[ndarray, " n"], links: RegionLinks
+) -> Bool[ndarray, " s"]:
+    """Find the strands that surely stand; the arguments are those of `find_moving_strands`."""
+    moved, said = tally_strands(paths, verdicts, links)
+    return (said >= FEWEST_VOTES) & (moved < MOST_MOVING_OF_STANDING * said)
+
+
+def tally_strands(
+    paths: FeaturePaths, verdicts: Int8[ndarray, " n"], links: RegionLinks
+) -> tuple[Int64[ndarray, " s"], Int64[ndarray, " s"]]:
+    """Count, for each strand, the paths in it that move, and those that say something."""
+    count = int(links.strands.max(initial=-1)) + 1
+    inside = links.region_of_entry >= 0
+    pairs = np.stack([links.strands[links.region_of_entry[inside]], paths.owners[inside]])
+    pairs = np.unique(pairs[:, verdicts[pairs[1]] != 0], axis=1)
+    moved = np.bincount(pairs[0][verdicts[pairs[1]] > 0], minlength=count)
+    return moved, np.bincount(pairs[0], minlength=count)

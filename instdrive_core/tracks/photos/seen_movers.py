@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Int32, UInt8
+from jaxtyping import Bool, Int32, Int64, UInt8
 from numpy import ndarray
 from scipy.ndimage import binary_dilation
 
@@ -15,8 +15,14 @@ from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.scene.seen_moving import SeenMover, Sighting
 from instdrive_core.tracks.photos.feature_paths import FeaturePaths, drop_last_places, follow_corners
 from instdrive_core.tracks.photos.grouping import group_strands
+from instdrive_core.tracks.photos.overlap import follow_by_overlap
 from instdrive_core.tracks.photos.path_verdicts import SHORTEST, CameraPaths, judge_paths
-from instdrive_core.tracks.photos.region_votes import RegionLinks, find_moving_strands, link_regions
+from instdrive_core.tracks.photos.region_votes import (
+    RegionLinks,
+    find_moving_strands,
+    find_standing_strands,
+    link_regions,
+)
 from instdrive_core.wording import format_count
 
 MARGIN = 3
@@ -63,8 +69,9 @@ def find_seen_movers(
         maps = [masks.load(frame).labels.astype(np.int32) for frame in frames]
         links = link_regions(paths, maps)
         moving = find_moving_strands(paths, said, links)
+        standing = find_standing_strands(paths, said, links)
         for group in group_strands(paths, links, moving, maps):
-            shown = _show(group, links, maps)
+            shown = _show(_follow_on(group, links, standing, maps), maps)
             mover = _describe(shown, frames)
             if _stands_on_ground(mover, frames):
                 movers.append(mover)
@@ -111,10 +118,24 @@ def _to_grey(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w"]:
     return np.round(image @ np.array([0.299, 0.587, 0.114], np.float32)).astype(np.uint8)
 
 
-def _show(group: ndarray, links: RegionLinks, maps: Sequence[Int32[ndarray, "_ _"]]) -> dict[int, Bool[ndarray, "_ _"]]:
+def _follow_on(
+    group: Int64[ndarray, " g"],
+    links: RegionLinks,
+    standing: Bool[ndarray, " s"],
+    maps: Sequence[Int32[ndarray, "_ _"]],
+) -> dict[int, list[int]]:
+    """The labels of a thing by photo, those included that no corner was followed to."""
+    labels: dict[int, list[int]] = {}
+    for region in group.tolist():
+        labels.setdefault(int(links.photos[region]), []).append(int(links.labels[region]))
+    fixed = np.flatnonzero(standing[links.strands])
+    taken = {(int(links.photos[region]), int(links.labels[region])) for region in fixed}
+    return follow_by_overlap(labels, taken, maps)
+
+
+def _show(labels: dict[int, list[int]], maps: Sequence[Int32[ndarray, "_ _"]]) -> dict[int, Bool[ndarray, "_ _"]]:
     """The pixels of a thing, by photo."""
-    photos = np.unique(links.photos[group]).tolist()
-    return {photo: np.isin(maps[photo], links.labels[group[links.photos[group] == photo]]) for photo in photos}
+    return {photo: np.isin(maps[photo], labels[photo]) for photo in sorted(labels)}
 
 
 def _describe(shown: dict[int, Bool[ndarray, "_ _"]], frames: Sequence[Frame]) -> SeenMover:

@@ -21,7 +21,7 @@ def test_a_click_on_what_was_seen_moving_looks_through_its_first_photo(tmp_path)
     save_scene(tmp_path / "street", replace(street, seen_movers=movers))
     with editor_window(tmp_path / "street", tmp_path) as window:
         window.click_widget("instances.seen_moving.2")
-        window.wait_for(lambda state: state["dataset_view"] == 2, "the first photo's camera")
+        window.wait_for(lambda state: state["time"] == shown.time, "the time of the first photo")
         window.click_widget("instances.seen_moving")
         window.wait_for(lambda state: "instances.seen_moving.2" not in state["widgets"], "the list to close")
         assert window.quit() == 0

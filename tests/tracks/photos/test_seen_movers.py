@@ -12,8 +12,8 @@ from instdrive_core.tracks.photos.setting_apart import set_movers_apart
 
 pytest.importorskip("cv2", reason="OpenCV is not installed")
 
-PARKED = standing_board(4.5, 24)
-CROSSING = Board(lambda time: (-4 + 4 * time, 18.0))
+PARKED = standing_board(-0.3, 35)
+CROSSING = Board(lambda time: (-4 + 2 * time, 18.0))
 AHEAD = Board(lambda time: (1.8, 8 + 8 * time))
 BOARDS = (PARKED, CROSSING, AHEAD)
 
