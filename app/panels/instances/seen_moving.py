@@ -10,7 +10,7 @@ from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.seen_moving import SeenMover
 from instdrive_core.wording import format_count
 
-MOST_ROWS = 4
+MOST_ROWS = 3
 """Rows shown at a time; more are scrolled to."""
 
 
