@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Int32, Int64, UInt8
+from jaxtyping import Bool, Int8, Int32, Int64, UInt8
 from numpy import ndarray
 from scipy.ndimage import binary_dilation
 
@@ -15,6 +15,7 @@ from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.scene.seen_moving import SeenMover, Sighting
 from instdrive_core.tracks.photos.feature_paths import FeaturePaths, drop_last_places, follow_corners
 from instdrive_core.tracks.photos.grouping import group_strands
+from instdrive_core.tracks.photos.layers import ShownThing, join_overlapping
 from instdrive_core.tracks.photos.overlap import follow_by_overlap
 from instdrive_core.tracks.photos.path_verdicts import SHORTEST, CameraPaths, judge_paths
 from instdrive_core.tracks.photos.region_votes import (
@@ -66,16 +67,13 @@ def find_seen_movers(
     movers: list[SeenMover] = []
     pixels: dict[str, Bool[ndarray, "_ _"]] = {}
     for frames, paths, said in zip(by_camera, followed, verdicts, strict=True):
-        maps = [masks.load(frame).labels.astype(np.int32) for frame in frames]
-        links = link_regions(paths, maps)
-        moving = find_moving_strands(paths, said, links)
-        standing = find_standing_strands(paths, said, links)
-        for group in group_strands(paths, links, moving, maps):
-            shown = _show(_follow_on(group, links, standing, maps), maps)
-            mover = _describe(shown, frames)
+        layers = zip(*(_load_layers(masks, frame) for frame in frames), strict=True)
+        shown = [thing for maps in layers for thing in _find_in_layer(paths, said, maps)]
+        for thing in join_overlapping(shown):
+            mover = _describe(thing, frames)
             if _stands_on_ground(mover, frames):
                 movers.append(mover)
-                for photo, inside in shown.items():
+                for photo, inside in thing.items():
                     key = frames[photo].key
                     pixels[key] = pixels[key] | inside if key in pixels else inside
     movers.sort(key=lambda mover: (mover.sightings[0].step, -len(mover.sightings), mover.camera))
@@ -118,6 +116,22 @@ def _to_grey(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w"]:
     return np.round(image @ np.array([0.299, 0.587, 0.114], np.float32)).astype(np.uint8)
 
 
+def _load_layers(masks: MaskFolder, frame: Frame) -> list[Int32[ndarray, "_ _"]]:
+    loaded = masks.load(frame)
+    return [labels.astype(np.int32) for labels in (loaded.labels, *loaded.overlaps)]
+
+
+def _find_in_layer(
+    paths: FeaturePaths, said: Int8[ndarray, " n"], maps: Sequence[Int32[ndarray, "_ _"]]
+) -> list[ShownThing]:
+    """Things that move, by the label maps of one layer."""
+    links = link_regions(paths, maps)
+    moving = find_moving_strands(paths, said, links)
+    standing = find_standing_strands(paths, said, links)
+    groups = group_strands(paths, links, moving, maps)
+    return [_show(_follow_on(group, links, standing, maps), maps) for group in groups]
+
+
 def _follow_on(
     group: Int64[ndarray, " g"],
     links: RegionLinks,
@@ -133,12 +147,12 @@ def _follow_on(
     return follow_by_overlap(labels, taken, maps)
 
 
-def _show(labels: dict[int, list[int]], maps: Sequence[Int32[ndarray, "_ _"]]) -> dict[int, Bool[ndarray, "_ _"]]:
+def _show(labels: dict[int, list[int]], maps: Sequence[Int32[ndarray, "_ _"]]) -> ShownThing:
     """The pixels of a thing, by photo."""
     return {photo: np.isin(maps[photo], labels[photo]) for photo in sorted(labels)}
 
 
-def _describe(shown: dict[int, Bool[ndarray, "_ _"]], frames: Sequence[Frame]) -> SeenMover:
+def _describe(shown: ShownThing, frames: Sequence[Frame]) -> SeenMover:
     sightings = []
     for photo, inside in shown.items():
         rows, columns = np.flatnonzero(inside.any(axis=1)).tolist(), np.flatnonzero(inside.any(axis=0)).tolist()
