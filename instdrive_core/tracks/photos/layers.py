@@ -30,7 +30,8 @@ def join_overlapping(things: list[ShownThing]) -> list[ShownThing]:
 def _are_one(one: ShownThing, other: ShownThing) -> bool:
     shared = one.keys() & other.keys()
     covered = [
-        (one[photo] & other[photo]).sum() > _COVERED * min(one[photo].sum(), other[photo].sum()) for photo in shared
+        bool((one[photo] & other[photo]).sum() > _COVERED * min(one[photo].sum(), other[photo].sum()))
+        for photo in shared
     ]
     return 2 * sum(covered) > len(shared)
 

@@ -61,6 +61,20 @@ def test_a_street_where_all_stands_shows_nothing_moving(tmp_path):
     assert keep_out_movers(clip, found).frames == clip.frames
 
 
+def test_a_jam_of_creeping_cars_is_one_thing_for_each_car(tmp_path):
+    """Stop and go: the recording car creeps at 2 m/s, the next lanes at 1 to 4 m/s, the last car stands at first."""
+    boards = (
+        Board(lambda time: (0.3, 7 + 2.6 * time)),
+        Board(lambda time: (-2.6, 9 + 3.5 * time)),
+        Board(lambda time: (3.2, 10 + max(0.0, 4 * (time - 0.5)))),
+    )
+    clip = make_clip(boards, count=22, speed=2.0)
+    found = find_seen_movers(clip, write_street_masks(tmp_path, clip, boards))
+    assert len(found.movers) == len(boards)
+    for mover in found.movers:
+        assert len(mover.sightings) >= 18, "also where it stands"
+
+
 def test_the_user_is_told(traffic):
     clip, masks, found = traffic
     notes = []
