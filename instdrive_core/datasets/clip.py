@@ -28,7 +28,7 @@ class Frame:
     load_image: Callable[[], UInt8[ndarray, "h w 3"]]
     """Reads the photo at the clip's image scale, RGB."""
     valid: Bool[ndarray, "h w"] | None = None
-    """False on the ego vehicle; None = all valid."""
+    """False on the ego vehicle, and on what moves where nothing is known of its way; None = all valid."""
 
     @property
     def key(self) -> str:

@@ -25,6 +25,7 @@ from instdrive_core.masks.photo_fit import describe_misfit
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.choice import TrackSource, with_tracks
+from instdrive_core.tracks.photos.setting_apart import set_movers_apart
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.device import choose_backend
 from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene, resume_trainer
@@ -113,6 +114,7 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     for note in (*clip.notes, *_describe_faults(clip, masks)):
         notes.add(note)
     _note_what_is_missing(clip, request.config, notes.add)
+    clip, movers = set_movers_apart(clip, masks, request.tracks, notes.add)
     with open_view_store(clip, masks) as store:
         compile_kernels(notes.add)
         trainer = _build_trainer(request, clip, store, backend, notes.add)
@@ -124,10 +126,9 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
         notes.add("naming instances and writing the scene")
         exposures = _export_exposures(trainer)
         scene = export_trained_scene(trainer.model, clip, request.config, learned, exposures, trainer.cameras)
-    write_scene_folder(out, scene)
-    _write_json(
-        out / FACTS, _collect_facts(request, masks, trainer, backend.name, len(scene.table)) | {"notes": notes.told}
-    )
+    write_scene_folder(out, replace(scene, seen_movers=movers))
+    facts = _collect_facts(request, masks, trainer, backend.name, len(scene.table))
+    _write_json(out / FACTS, facts | {"seen_moving": len(movers), "notes": notes.told})
     return out
 
 
@@ -176,7 +177,9 @@ def _describe_faults(clip: Clip, masks: MaskFolder | None) -> list[str]:
 
 
 def _note_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:
-    if not clip.tracks:
+    if not clip.tracks and not clip.training_sweeps:
+        on_note("no cuboids and no LiDAR: a static scene")
+    elif not clip.tracks:
         on_note("no cuboids and no found tracks: a static scene, moving objects will blur")
     elif not config.init.moving_actors:
         on_note("static-only: moving objects stay in the background and will blur")
