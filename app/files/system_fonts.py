@@ -29,7 +29,7 @@ FALLBACKS: tuple[tuple[str, ...], ...] = (
     ("malgun.ttf", "AppleSDGothicNeo.ttc", "NanumGothic.ttf", "UnDotum.ttf"),
     ("DejaVuSans.ttf", "segoeui.ttf", "Arial Unicode.ttf"),
 )
-"""File names, best first: of each group one font is enough. Chinese (most have the rest, too), Japanese, Korean, other."""
+"""File names, best first, one of each group is enough: Chinese (most have the rest, too), Japanese, Korean, other."""
 
 
 def list_font_folders() -> tuple[Path, ...]:
@@ -46,7 +46,7 @@ def list_font_folders() -> tuple[Path, ...]:
 
 
 def find_fallback_fonts(folders: Iterable[Path]) -> tuple[Path, ...]:
-    """Find the best font file of each group of `FALLBACKS` in these folders and those inside; groups without one lack."""
+    """Find the best font file of each group of `FALLBACKS` that these folders, or folders inside, hold."""
     files: dict[str, Path] = {}
     for folder in folders:
         for path in _walk_files(folder):

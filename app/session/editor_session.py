@@ -61,8 +61,8 @@ class EditorSession:
         self.labels = LabelController(context)
         self.movement = MoveController(context)
         self.deletion = DeletionController(context)
-        self.insertion = InsertController(context, self.movement)
         self.orientation = TurnController(context, self.navigation, turned=self.deletion.review.clear_all)
+        self.insertion = InsertController(context, self.movement, self.orientation.ask_about_inserted)
         self._deferred_bounds = BoundsUpdater(context)
         self.is_quitting = False
 

@@ -41,7 +41,7 @@ _SURE, _SURER_THAN_OTHERS = 0.11, 2.0
 """How much the ground must look like one, and how many times as much as anything else does. Streets have 0.14 to 0.24,
 a thing on a table 0.12, a guitar's front 0.10."""
 _OPAQUE = 0.5
-"""Opacity above which a splat belongs to a thing: what hangs in the air below a street, unseen by photos, is fainter."""
+"""Opacity above which a splat belongs to a thing: what hangs below a street, unseen by photos, is fainter."""
 _STANDING = 1.0
 """Height over the ground, in median distances from the middle, within which things say which side they stand on."""
 _CUSTOM: Axis = "-y"
