@@ -91,6 +91,17 @@ def _list_constraints(session: EditorSession) -> list[Action]:
             icon="ICON_FA_COMPASS",
         ),
         Action(
+            "move.body_only",
+            "Turn the body only, not its drive",
+            _toggle_option(movement.options, "body_only"),
+            "Move",
+            checked=lambda: movement.options.body_only,
+            enabled=lambda: movement.has_drive,
+            icon="ICON_FA_CAR_SIDE",
+            words=("rotate", "track", "path", "drive"),
+            needs="Select something that drives",
+        ),
+        Action(
             "move.along_lane",
             "Move along the lane",
             _toggle_option(movement.options, "along_lane"),
