@@ -8,6 +8,9 @@ from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.tools.registry import TOOLS, ToolRecord
 
+BRUSH_RADII, BRUSH_DEPTHS = (2.0, 400.0), (0.0625, 512.0)
+"""Least and most: pixels, and metres behind what is seen."""
+
 
 def list_actions(session: EditorSession) -> list[Action]:
     """List the Tools menu."""
@@ -49,6 +52,34 @@ def list_actions(session: EditorSession) -> list[Action]:
             checked=lambda: state.region_visible_only,
             icon="ICON_FA_EYE",
         ),
+        *_list_brush_sizes(session),
+    ]
+
+
+def _list_brush_sizes(session: EditorSession) -> list[Action]:
+    """List what changes the brush: its radius, and how deep it reaches."""
+
+    def scale(field: str, factor: float, low: float, high: float) -> Callable[[], None]:
+        def run() -> None:
+            setattr(session.state, field, min(max(getattr(session.state, field) * factor, low), high))
+
+        return run
+
+    sizes = (
+        ("brush.smaller", "Smaller brush", "[", "ICON_FA_MINUS", scale("brush_radius", 0.8, *BRUSH_RADII)),
+        ("brush.larger", "Larger brush", "]", "ICON_FA_PLUS", scale("brush_radius", 1.25, *BRUSH_RADII)),
+        (
+            "brush.shallower",
+            "Shallower brush",
+            "Shift+[",
+            "ICON_FA_ARROW_UP",
+            scale("brush_depth", 0.5, *BRUSH_DEPTHS),
+        ),
+        ("brush.deeper", "Deeper brush", "Shift+]", "ICON_FA_ARROW_DOWN", scale("brush_depth", 2.0, *BRUSH_DEPTHS)),
+    )
+    return [
+        Action(name, title, run, "Tools", (key,), icon=icon, separator=name == "brush.smaller", words=("brush size",))
+        for name, title, key, icon, run in sizes
     ]
 
 
