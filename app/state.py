@@ -139,6 +139,8 @@ class EditorState:
     """Pixels of the picture."""
     brush_depth: float = 1.0
     """Metres behind what is seen that the brush reaches."""
+    color_tolerance: float = 0.1
+    """Difference of colours, 0 … 1 in each channel, up to which they are alike."""
     id_opacity: float = DEFAULT_ID_OPACITY
     show_sky: bool = True
     plain_solo: bool = True

@@ -8,8 +8,8 @@ from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.tools.registry import TOOLS, ToolRecord
 
-BRUSH_RADII, BRUSH_DEPTHS = (2.0, 400.0), (0.0625, 512.0)
-"""Least and most: pixels, and metres behind what is seen."""
+BRUSH_RADII, BRUSH_DEPTHS, TOLERANCES = (2.0, 400.0), (0.0625, 512.0), (0.01, 1.0)
+"""Least and most: pixels, metres behind what is seen, and differences of colours."""
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -52,12 +52,12 @@ def list_actions(session: EditorSession) -> list[Action]:
             checked=lambda: state.region_visible_only,
             icon="ICON_FA_EYE",
         ),
-        *_list_brush_sizes(session),
+        *_list_measures(session),
     ]
 
 
-def _list_brush_sizes(session: EditorSession) -> list[Action]:
-    """List what changes the brush: its radius, and how deep it reaches."""
+def _list_measures(session: EditorSession) -> list[Action]:
+    """List what changes the brush, its radius and depth, and how alike colours must be."""
 
     def scale(field: str, factor: float, low: float, high: float) -> Callable[[], None]:
         def run() -> None:
@@ -68,17 +68,22 @@ def _list_brush_sizes(session: EditorSession) -> list[Action]:
     sizes = (
         ("brush.smaller", "Smaller brush", "[", "ICON_FA_MINUS", scale("brush_radius", 0.8, *BRUSH_RADII)),
         ("brush.larger", "Larger brush", "]", "ICON_FA_PLUS", scale("brush_radius", 1.25, *BRUSH_RADII)),
-        (
-            "brush.shallower",
-            "Shallower brush",
-            "Shift+[",
-            "ICON_FA_ARROW_UP",
-            scale("brush_depth", 0.5, *BRUSH_DEPTHS),
-        ),
+        ("brush.shallower", "Shallower brush", "Shift+[", "ICON_FA_ARROW_UP", scale("brush_depth", 0.5, *BRUSH_DEPTHS)),
         ("brush.deeper", "Deeper brush", "Shift+]", "ICON_FA_ARROW_DOWN", scale("brush_depth", 2.0, *BRUSH_DEPTHS)),
+        ("alike.stricter", "Stricter colours", "Alt+[", "ICON_FA_MINUS", scale("color_tolerance", 0.8, *TOLERANCES)),
+        ("alike.looser", "Looser colours", "Alt+]", "ICON_FA_PLUS", scale("color_tolerance", 1.25, *TOLERANCES)),
     )
     return [
-        Action(name, title, run, "Tools", (key,), icon=icon, separator=name == "brush.smaller", words=("brush size",))
+        Action(
+            name,
+            title,
+            run,
+            "Tools",
+            (key,),
+            icon=icon,
+            separator=name == "brush.smaller",
+            words=("brush size", "tolerance"),
+        )
         for name, title, key, icon, run in sizes
     ]
 
