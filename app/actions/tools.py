@@ -8,6 +8,8 @@ from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.tools.registry import TOOLS, ToolRecord
 
+HANDLES = frozenset({"move", "rotate", "scale"})
+"""Tools that act on instances at once: selected splats of none become one."""
 BRUSH_RADII, BRUSH_DEPTHS, TOLERANCES = (2.0, 400.0), (0.0625, 512.0), (0.01, 1.0)
 """Least and most: pixels, metres behind what is seen, and differences of colours."""
 
@@ -91,6 +93,8 @@ def _list_measures(session: EditorSession) -> list[Action]:
 def _create_tool_action(session: EditorSession, record: ToolRecord) -> Action:
     def take() -> None:
         session.state.tool = record.name
+        if record.name in HANDLES and not session.selection.is_empty:
+            session.selection.name_loose_splats()
 
     return Action(
         f"tool.{record.name}",
