@@ -16,6 +16,7 @@ from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.polygon import PolygonTool
 from instdrive_app.tools.rectangle import RectangleTool
 from instdrive_app.tools.region import WinnerReader
+from instdrive_app.tools.sphere import SphereTool
 from instdrive_core.edits.queries.spreading import find_alike_rows, find_flooded_rows
 
 
@@ -79,6 +80,13 @@ TOOLS = (
         "ICON_FA_PAINTBRUSH",
         "X",
         lambda parts: BrushTool(parts.session, parts.winners, parts.picker),
+    ),
+    ToolRecord(
+        "sphere",
+        "Select by sphere",
+        "ICON_FA_GLOBE",
+        "J",
+        lambda parts: SphereTool(parts.session, parts.winners, parts.picker),
     ),
     ToolRecord(
         "flood",

@@ -7,6 +7,7 @@ from session_driver import finish
 from test_region_tools import find_selected_rows, session, snapshot, tools  # noqa: F401
 
 from instdrive_app.pointer import Click
+from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.edits.queries.splat_values import find_plain_colors
 
 
@@ -55,3 +56,27 @@ def test_stricter_colours_select_less_and_nothing_is_told(session, snapshot, too
     assert 0 < counts[1] < counts[0]
     tools["eyedropper"].click(Click(240.0, 1.0), snapshot)
     assert "no splat here" in session.messages.log[-1].text
+
+
+def test_a_sphere_selects_around_its_middle_and_nothing_behind(session, snapshot, tools, red_place):  # noqa: F811
+    x, y, row = red_place
+    session.state.region_splats = True
+    means, _ = compute_shown_means(session.document, snapshot.time)
+    depth = float(snapshot.camera.project(means[row][None])[1][0])
+    tool, radius = tools["sphere"], snapshot.camera.fx / depth  # a metre
+    tool.drag((x, y), (x + radius, y))
+    assert len(tool.outline) > 10
+    tool.release(Click(x + radius, y), snapshot)
+    rows = find_selected_rows(session)
+    away = np.linalg.norm(means - means[row], axis=1)
+    np.testing.assert_allclose(away[rows].max(), 1.0, atol=0.1)
+    assert len(rows) == (away <= 1.0).sum()
+    session.state.region_splats = False
+    tool.drag((x, y), (x + 5 * radius, y))
+    tool.release(Click(x + 5 * radius, y), snapshot)
+    assert FIRST_CAR in session.selection.ids
+    steps = session.document.history.cursor
+    tool.drag((240.0, 1.0), (260.0, 1.0))
+    tool.release(Click(260.0, 1.0), snapshot)
+    assert session.document.history.cursor == steps
+    assert "needs a splat" in session.messages.log[-1].text
