@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64
 from numpy import ndarray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.shown_means import compute_shown_means
@@ -68,7 +68,7 @@ def _find_height(document: Document, viewing: Viewing) -> Float32[ndarray, " n"]
 
 
 def _find_brightness(document: Document, viewing: Viewing) -> Float32[ndarray, " n"]:
-    return find_plain_colors(document) @ np.float32([0.2126, 0.7152, 0.0722])
+    return find_plain_colors(document) @ np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def _find_saturation(document: Document, viewing: Viewing) -> Float32[ndarray, " n"]:
@@ -148,8 +148,8 @@ def _find_isolated(means: Float32[ndarray, "n 3"], drawn: ndarray, times: float)
     rows = np.flatnonzero(drawn & np.isfinite(means).all(axis=1))
     isolated = np.zeros(len(means), np.bool_)
     if len(rows) > NEIGHBORS:
-        tree = cKDTree(means[rows], balanced_tree=False)
-        distances = tree.query(means[rows], k=[NEIGHBORS + 1], workers=-1)[0][:, 0]
+        tree = KDTree(means[rows], balanced_tree=False)
+        distances = tree.query(means[rows], k=NEIGHBORS + 1, workers=-1)[0][:, -1]
         isolated[rows] = distances > times * np.median(distances)
     return isolated
 

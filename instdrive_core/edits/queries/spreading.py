@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.shown_means import compute_shown_means
@@ -32,7 +32,7 @@ def find_flooded_rows(document: Document, row: int, tolerance: float, time: floa
     rows = np.flatnonzero(_find_alike(document, row, tolerance) & drawn & np.isfinite(means).all(axis=1))
     if not len(rows) or not (rows == row).any():
         return np.array([row], np.int64)
-    tree, places = cKDTree(means[rows], balanced_tree=False), means[rows]
+    tree, places = KDTree(means[rows], balanced_tree=False), means[rows]
     around = tree.query(means[row], k=min(USUAL_NEIGHBORS, len(rows)))[1]
     nearest = tree.query(places[np.atleast_1d(around)], k=min(3, len(rows)))[0]
     step = REACH * float(np.median(np.atleast_2d(nearest)[:, -1]))
