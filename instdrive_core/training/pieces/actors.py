@@ -93,11 +93,11 @@ def _find_shift(best: ActorPart, other: ActorPart) -> Float64[ndarray, "4 4"]:
 
 def _move(gaussians: Gaussians, pose: Float64[ndarray, "4 4"]) -> Gaussians:
     """Turn and shift Gaussians; view-dependent colours turn too little to matter, boxes are corrected by degrees."""
-    turn = quaternion_from_matrix(pose[None, :3, :3])
+    turn = np.tile(quaternion_from_matrix(pose[:3, :3]), (len(gaussians), 1))
     return replace(
         gaussians,
         means=(gaussians.means @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32),
-        quats=multiply_quaternions(np.broadcast_to(turn, (len(gaussians), 4)), normalize_quaternions(gaussians.quats)),
+        quats=multiply_quaternions(turn, normalize_quaternions(gaussians.quats)).astype(np.float32),
     )
 
 

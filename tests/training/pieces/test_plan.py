@@ -1,5 +1,7 @@
 """Where drives are cut."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -60,7 +62,7 @@ def test_cores_are_the_drive_and_neighbours_overlap(count, first):
     cores = [index for piece in pieces for index in range(piece.core_first, piece.core_last + 1)]
     assert cores == [step.index for step in steps]
     assert (pieces[0].first, pieces[-1].last) == (first, first + 119)
-    for one, other in zip(pieces[:-1], pieces[1:], strict=True):
+    for one, other in pairwise(pieces):
         assert other.first <= one.core_last < other.core_first <= one.last
     for piece, after in zip(pieces[:-2], pieces[2:], strict=True):
         assert piece.last < after.first, "no photo is trained three times"
