@@ -68,7 +68,7 @@ class Options:
     iterations: int | None = None
     """Steps that train each piece; default: as many as fit it."""
     max_gaussians: int | None = None
-    """Of each piece."""
+    """Most Gaussians of each piece."""
     pieces: PieceChoice = "auto"
     faults: FaultModel | None = None
     """Faults that are put into the exact masks."""

@@ -127,8 +127,8 @@ def test_a_short_drive_is_one_ordinary_run(street, tmp_path):
     assert not (tmp_path / "auto" / FOLDER).exists()
     scenes = [next((tmp_path / name).glob("scene.*.safetensors")) for name in ("auto", "plain")]
     assert scenes[0].name == scenes[1].name, "the name is made of the arrays' digest"
-    notes = [json.loads((tmp_path / name / "run.json").read_text())["notes"] for name in ("auto", "plain")]
-    assert notes[0] == notes[1]
+    facts = [(tmp_path / name / "run.json").read_text().replace(f"/{name}/", "/run/") for name in ("auto", "plain")]
+    assert json.loads(facts[0])["notes"] == json.loads(facts[1])["notes"]
 
 
 @pytest.mark.parametrize("method", ["paper", "mask-graph"])
@@ -142,14 +142,16 @@ def test_a_scene_to_start_from_is_not_cut(street, trained, tmp_path):
         train(street, tmp_path / "run", init=trained)
 
 
-def test_auto_says_why_a_long_drive_stays_whole(street, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("method", "told"), [("instdrive", "3 pieces of"), ("paper", "in one piece: method 'paper'")], ids=["cut", "whole"]
+)
+def test_auto_tells_what_it_does_with_a_drive_too_long_for_one_run(street, tmp_path, monkeypatch, method, told):
+    def stop(note):
+        if told in note:
+            raise Killed
+
     monkeypatch.setattr("instdrive_core.training.pieces.drive.count_affordable_photos", lambda clip, gaussians: 3)
     monkeypatch.setattr("instdrive_core.training.pieces.plan.LEAST_METRES", 0.5)
-    notes = []
-    train(street, tmp_path / "cut", notes, pieces="auto")
-    assert any("3 pieces of" in note for note in notes)
-    notes = []
-    config = short("paper")
-    config = replace(config, instances=replace(config.instances, iterations=2, pixels_per_view=50))
-    train(street, tmp_path / "whole", notes, config=config, pieces="auto")
-    assert any("in one piece: method 'paper'" in note for note in notes)
+    options = ClipOptions(cameras="1")
+    with pytest.raises(Killed):
+        run_drive(RunRequest(street, tmp_path / "run", options, short(method), pieces="auto"), lambda event: None, stop)
