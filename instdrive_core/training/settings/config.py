@@ -10,6 +10,8 @@ LEARNED_ELSEWHERE = ("mask-graph", "gaussian-grouping", "opengaussian")
 """Methods whose instance stage is not the trainer's."""
 Preset = Literal["demo", "quick", "paper"]
 Device = Literal["auto", "cpu", "cuda"]
+PieceChoice = Literal["auto"] | int
+"""Number of pieces that a drive is cut into; `auto` = as many as it needs."""
 
 
 @dataclass(frozen=True)
