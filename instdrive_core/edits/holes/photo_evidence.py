@@ -1,0 +1,209 @@
+"""What the photos say about a deleted thing: where it hid what is behind, and which splats no photo ever reached."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+from scipy import ndimage
+
+from instdrive_core.edits.document.document import Document
+from instdrive_core.maths.activations import sigmoid
+from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, compute_blend_weights
+from instdrive_core.rasterize.kernels.settings import choose_raster_settings
+from instdrive_core.scene.camera import Camera, CameraView
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.scene import place_in_world
+from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import copy_transformed
+
+MAX_LOOKS = 14
+"""Photos that are asked; those that show most of the thing, from different places."""
+APART = 3
+"""Time steps between photos of one camera."""
+MIN_PIXELS = 60
+"""Pixels of a photo, at full size, that the thing must span to be looked at."""
+GROWTH = 0.4
+"""Share of the thing's size by which the part of a photo that is looked at reaches beyond it, …"""
+BORDER = 12
+"""… and pixels on top."""
+MAX_PIXELS = 9000
+"""Pixels of that part; it is made smaller where it has more."""
+OWN_SHARE = 0.4
+"""Share of a pixel's light from which it shows the thing."""
+RIM = 1
+"""Pixels around a silhouette that may show it, too."""
+MIN_WEIGHT = 0.25
+"""Pixels that a splat must fill, over all looks, to be judged."""
+REACHED_SHARE = 0.5
+"""Share of what a photo would show of a splat without the thing that it must show with the thing …"""
+MIN_REACHING = 2
+"""… in so many looks for the splat to have been seen."""
+NEAR_SHARE = 0.02
+"""Share of the thing's splats that may lie nearer than where it begins."""
+MIN_COVER = 0.8
+"""Share of light that what stands behind the thing must stop."""
+EXPLAINED_SHARE = 0.6
+"""Share of what photos show of a splat that must lie in the thing's silhouette for it to be the thing's."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """The part of one photo around the thing."""
+
+    camera: Camera
+    time: float
+    silhouette: Bool[ndarray, "h w"]
+    """Pixels that show the thing, and a rim around them."""
+    nearest: float
+    """Metres along the viewing axis to where the thing begins."""
+
+
+@dataclass(frozen=True)
+class PhotoEvidence:
+    """What the photos that show a thing say about the splats around it."""
+
+    looks: tuple[Look, ...]
+    """Those that show most first."""
+    unseen: Int64[ndarray, " u"]
+    """Rows, rising, that would show where the thing stood, and that no photo reached."""
+    seen: Int64[ndarray, " s"]
+    """Rows, rising, that would show there, and that photos reached past the thing."""
+    explained: Int64[ndarray, " e"]
+    """Rows, rising, that photos show only within the silhouette of the thing."""
+    gap_share: float
+    """Share of the silhouettes' pixels where too little is left once unseen splats are gone."""
+
+    @property
+    def lost(self) -> Int64[ndarray, " l"]:
+        """Rows, rising, that do not count for what stands there."""
+        return np.union1d(self.unseen, self.explained)
+
+
+def gather_photo_evidence(document: Document, rows: Int64[ndarray, " m"]) -> PhotoEvidence | None:
+    """Compare the photos' views with and without some rows of the background, deleted or not; None without photos."""
+    scene = document.scene
+    rows = rows[scene.nodes[rows] == 0]
+    solid = rows[sigmoid(scene.gaussians.opacity_logits[rows]) >= OWN_SHARE]
+    if not len(solid) or not scene.views:
+        return None
+    points = document.compute_means(solid).astype(np.float64)
+    chosen = _choose_views(scene.views, points)
+    if not chosen:
+        return None
+    kept = (document.state.flags & Flag.DELETED) == 0
+    kept[rows] = True
+    alive = np.flatnonzero(kept)
+    drawn = copy_transformed(scene.gaussians, document.transforms, alive)
+    own = np.isin(alive, rows, assume_unique=True)
+    tally = _Tally(len(alive))
+    looks = [tally.add(document, view, camera, drawn, alive, own) for view, camera in chosen]
+    sizes = [int(look.silhouette.sum()) for look in looks]
+    looks = [looks[place] for place in np.argsort(sizes, kind="stable")[::-1].tolist() if sizes[place]]
+    if not looks:
+        return None
+    movable = (scene.nodes[alive] == 0) & ~own & ((document.state.flags[alive] & Flag.LOCKED) == 0)
+    uncovered = movable & (tally.uncovered >= MIN_WEIGHT)
+    reached = tally.reaching >= MIN_REACHING
+    inside = tally.explained >= EXPLAINED_SHARE * (tally.explained + tally.beside)
+    explained = movable & ~reached & inside & (tally.explained >= MIN_WEIGHT)
+    unseen = uncovered & ~reached
+    return PhotoEvidence(
+        tuple(looks), alive[unseen], alive[uncovered & reached], alive[explained], tally.measure_gaps(unseen | explained)
+    )  # fmt: skip
+
+
+class _Tally:
+    """Sums over looks, a number per splat that is drawn."""
+
+    def __init__(self, count: int) -> None:
+        self.beside = np.zeros(count)
+        self.explained = np.zeros(count)
+        self.uncovered = np.zeros(count)
+        self.reaching = np.zeros(count, np.int64)
+        self.left: list[BlendWeights] = []
+
+    def add(
+        self,
+        document: Document,
+        view: CameraView,
+        camera: Camera,
+        drawn: Gaussians,
+        alive: Int64[ndarray, " n"],
+        own: Bool[ndarray, " n"],
+    ) -> Look:
+        """Look with and without the thing, whose splats are `own`."""
+        scene = document.scene
+        poses, present = scene.find_node_poses(view.time)
+        nodes = scene.nodes[alive]
+        means, quats = place_in_world(drawn.means, drawn.quats, nodes, poses)
+        opacities = np.where(present[nodes], drawn.opacities, np.float32(0))
+        pixels, settings = np.arange(camera.width * camera.height), choose_raster_settings(scene)
+        full = compute_blend_weights(means, quats, drawn.log_scales, opacities, camera, pixels, settings)
+        shares = _sum_by_pixel(full, np.where(own[full.rows], full.weights, 0))
+        shown = (shares >= OWN_SHARE).reshape(camera.height, camera.width)
+        silhouette = np.asarray(ndimage.binary_dilation(shown, iterations=RIM), bool)
+        hidden = np.flatnonzero(silhouette)
+        free = np.where(own, np.float32(0), opacities)
+        gone = compute_blend_weights(means, quats, drawn.log_scales, free, camera, hidden, settings)
+        self.left.append(gone)
+        uncovered = np.bincount(gone.rows, gone.weights, len(alive))
+        inside = np.repeat(silhouette.ravel(), np.diff(full.indptr))
+        beside = np.bincount(full.rows[~inside], full.weights[~inside], len(alive))
+        self.beside += beside
+        self.explained += np.bincount(full.rows[inside], full.weights[inside], len(alive))
+        self.uncovered += uncovered
+        self.reaching += (beside >= REACHED_SHARE * (beside + uncovered)) & (beside >= MIN_WEIGHT / 2)
+        forward = camera.camera_from_world[2]
+        depths = means[own] @ forward[:3] + forward[3]
+        return Look(camera, view.time, silhouette, float(np.quantile(depths, NEAR_SHARE)))
+
+    def measure_gaps(self, lost: Bool[ndarray, " n"]) -> float:
+        """Measure the share of all silhouettes' pixels that the splats not `lost` do not cover."""
+        covers = np.concatenate([_sum_by_pixel(each, np.where(lost[each.rows], 0, each.weights)) for each in self.left])
+        return float(np.mean(covers < MIN_COVER)) if len(covers) else 0.0
+
+
+def _sum_by_pixel(found: BlendWeights, values: ndarray) -> Float64[ndarray, " p"]:
+    pixels = np.repeat(np.arange(len(found.indptr) - 1), np.diff(found.indptr))
+    return np.bincount(pixels, values, len(found.indptr) - 1)
+
+
+def _choose_views(
+    views: Sequence[CameraView], points: Float64[ndarray, "k 3"]
+) -> list[tuple[CameraView, Camera]]:
+    """Views that show most of the points, and the cameras of the parts of them that do."""
+    found = []
+    for view in views:
+        camera = _crop_camera(view.camera, points)
+        if camera is not None:
+            found.append((camera[1], view, camera[0]))
+    found.sort(key=lambda each: -each[0])
+    chosen: list[tuple[CameraView, Camera]] = []
+    for _, view, camera in found:
+        if all(view.name != other.name or abs(view.index - other.index) >= APART for other, _ in chosen):
+            chosen.append((view, camera))
+        if len(chosen) == MAX_LOOKS:
+            break
+    return chosen
+
+
+def _crop_camera(camera: Camera, points: Float64[ndarray, "k 3"]) -> tuple[Camera, float] | None:
+    """The camera of the part of a photo around points, and how many pixels they span; None where it shows too few."""
+    pixels, depths = camera.project(points)
+    size = np.array([camera.width, camera.height])
+    framed = (depths > 0.3) & ((pixels >= 0) & (pixels < size)).all(axis=1)
+    if np.count_nonzero(framed) < max(0.1 * len(points), 3):
+        return None
+    low, high = pixels[framed].min(axis=0), pixels[framed].max(axis=0)
+    span = float(np.prod(high - low))
+    if span < MIN_PIXELS:
+        return None
+    margin = GROWTH * (high - low) + BORDER
+    x0, y0 = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
+    x1, y1 = np.minimum(np.ceil(high + margin), size).astype(int).tolist()
+    part = replace(camera, cx=camera.cx - x0, cy=camera.cy - y0, width=x1 - x0, height=y1 - y0)
+    return part.scale(min(1.0, float(np.sqrt(MAX_PIXELS / (part.width * part.height))))), span
