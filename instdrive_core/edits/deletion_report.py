@@ -16,7 +16,7 @@ from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.holes.holes import Hole, find_hole
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, gather_photo_evidence
 from instdrive_core.edits.holes.surroundings import Surroundings, find_surroundings
-from instdrive_core.edits.kinds.absorb import find_floaters_around
+from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.fill_hole import FillHole, make_fill_hole
@@ -126,17 +126,17 @@ def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: fl
 
 def _build_report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
     found, kept = [], []
+    evidence = gather_photo_evidence(document, np.unique(np.concatenate([part.rows for part in parts])))
     for number, part in enumerate(parts):
-        report(0.4 * number / len(parts))
+        report(0.3 + 0.2 * number / len(parts))
         remainder = None if part.whole else divide_instance(document, part.instance_id, part.rows)
-        found.append(_find_residue(document, part, remainder))
+        found.append(_find_residue(document, part, remainder, evidence))
         if remainder is not None:
             kept.append(remainder.kept)
-    report(0.4)
+    report(0.5)
     residue = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
     gone = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
-    evidence = gather_photo_evidence(document, np.unique(gone))
-    residue = np.setdiff1d(_judge_by_photos(residue, evidence), gone, assume_unique=True)
+    residue = np.setdiff1d(residue, gone, assume_unique=True)
     carried, counts = np.unique(document.scene.instance_ids[residue], return_counts=True)
     carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
     around = find_surroundings(document, [(part.instance_id, part.rows) for part in parts], time, kept)
@@ -154,16 +154,18 @@ def _find_hole(
     return find_hole(around, np.union1d(residue, evidence.lost), evidence.looks, behind)
 
 
-def _judge_by_photos(residue: Int64[ndarray, " r"], evidence: PhotoEvidence | None) -> Int64[ndarray, " k"]:
-    """Strays except those that photos show past the thing, and all that photos show only in its silhouette."""
-    if evidence is None:
-        return residue
-    return np.union1d(np.setdiff1d(residue, evidence.seen, assume_unique=True), evidence.explained)
+def _find_residue(
+    document: Document, part: DeletedPart, remainder: Remainder | None, evidence: PhotoEvidence | None
+) -> Int64[ndarray, " k"]:
+    """Strays of what was deleted; of an instance that is not gone as a whole, not those of the `remainder`.
 
-
-def _find_residue(document: Document, part: DeletedPart, remainder: Remainder | None) -> Int64[ndarray, " k"]:
-    """Strays of what was deleted; of an instance that is not gone as a whole, not those of the `remainder`."""
+    Photos have the last word: what they show past the thing stays, what they show only in its silhouette goes.
+    """
+    kept = None if remainder is None else remainder.kept
+    strays = find_floaters_around(document, part.instance_id, part.rows, kept)
+    if evidence is not None:
+        shown = find_rows_close_to(document, part.instance_id, part.rows, evidence.explained)
+        strays = np.union1d(np.setdiff1d(strays, evidence.seen, assume_unique=True), shown)
     if remainder is None:
-        return find_floaters_around(document, part.instance_id, part.rows)
-    strays = find_floaters_around(document, part.instance_id, part.rows, remainder.kept)
+        return strays
     return strays[np.isin(strays, remainder.missed) | is_near_deleted(document, strays, remainder)]

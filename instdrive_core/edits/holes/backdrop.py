@@ -18,6 +18,8 @@ from scipy.spatial import KDTree
 
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
 from instdrive_core.edits.holes.photo_evidence import MIN_COVER, Look
+from instdrive_core.edits.holes.seams import blend_copies
+from instdrive_core.edits.queries.compact_objects import is_compact
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings
@@ -33,6 +35,7 @@ MAX_LOOKS = 6
 MIN_GAP = 12
 """Pixels: fewer are left open."""
 COARSE, FINE = 2, 2
+FACTOR = COARSE * FINE
 """Pieces are chosen in pictures so many times smaller than a look, and copied in ones so many times larger."""
 SKY_ALPHA = 0.5
 """Pixels that splats cover less show the sky: where they are copied, nothing stands."""
@@ -40,6 +43,8 @@ SOLID_ALPHA = 0.7
 """Pixels that are covered more have a depth to go by."""
 GAP_RIM = 1
 """Coarse pixels around a gap that are closed, too."""
+FOREIGN_SHARE = 0.3
+"""Share of a coarse pixel from which it shows another car."""
 SPREAD = 0.6
 """Standard deviation of a splat in pixels."""
 OPACITY = 0.95
@@ -73,7 +78,7 @@ def plan_backdrop(scene: Scene, ground: Gaussians, looks: tuple[Look, ...], rng:
 def _close_look(scene: Scene, fills: list[Gaussians], look: Look, rng: np.random.Generator) -> Gaussians | None:
     """Splats that close the gaps of one look; None where it has none."""
     camera = _fit_camera(look.camera)
-    color, alpha, depth = _draw(scene, fills, camera, look.time)
+    color, alpha, depth, foreign = _draw(scene, fills, camera, look.time)
     small = [_shrink(each) for each in (color, alpha, depth * alpha)]
     cover, distance = small[1], small[2] / np.maximum(small[1], 1e-6)
     zoom = np.array(cover.shape) / np.array(look.silhouette.shape)
@@ -85,7 +90,9 @@ def _close_look(scene: Scene, fills: list[Gaussians], look: Look, rng: np.random
     gap = np.asarray(ndimage.binary_dilation(open_, iterations=GAP_RIM), bool)
     before = (cover >= SKY_ALPHA) & (distance < look.nearest)
     gap &= ~before
-    known = ~gap & ~np.asarray(ndimage.binary_dilation(before), bool)
+    # Neither what stands in front nor another car is continued.
+    foreign = np.asarray(ndimage.binary_dilation(before | (_shrink(foreign) > FOREIGN_SHARE)), bool)
+    known = ~gap & ~foreign
     sources = choose_source_cells(
         small[0].transpose(1, 0, 2).astype(np.float64), np.ascontiguousarray(known.T), np.ascontiguousarray(gap.T),
         rng, PIECES,
@@ -95,7 +102,10 @@ def _close_look(scene: Scene, fills: list[Gaussians], look: Look, rng: np.random
     sources = sources.transpose(1, 0, 2)[..., ::-1]
     anchored = known & (cover >= SOLID_ALPHA) & (distance > look.nearest)
     inverse = continue_smoothly(1 / np.maximum(distance, 1e-3), anchored, gap)
-    return _lift(fills[0], camera, color, alpha, gap, sources, inverse)
+    offsets = np.repeat(np.repeat(sources - np.indices(gap.shape).transpose(1, 2, 0), FACTOR, 0), FACTOR, 1) * FACTOR
+    blown = [np.kron(each, np.ones((FACTOR, FACTOR), bool)) for each in (known & (cover >= SKY_ALPHA), gap)]
+    blended = blend_copies(color.astype(np.float64), *blown, offsets)
+    return _lift(fills[0], camera, blended, alpha, gap, sources, inverse)
 
 
 def continue_smoothly(
@@ -152,7 +162,7 @@ def _lift(
     inverse: Float64[ndarray, "a b"],
 ) -> Gaussians:
     """A splat for each fine pixel of the gap, of the colour of its source's, at the gap's depth."""
-    factor = COARSE * FINE
+    factor = FACTOR
     cells = np.argwhere(gap & (inverse > 1e-3))
     offsets = np.argwhere(np.ones((factor, factor), bool))
     pixels = (factor * cells[:, None] + offsets).reshape(-1, 2)
@@ -177,7 +187,7 @@ def _lift(
         quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
         log_scales=np.tile(sizes[:, None], (1, 3)).astype(np.float32),
         opacity_logits=logit(np.full(count, OPACITY, np.float32)),
-        sh_dc=dc_from_color(np.clip(color[tuple(origins.T)], 0, 1)).astype(np.float32),
+        sh_dc=dc_from_color(np.clip(color[tuple(pixels.T)], 0, 1)).astype(np.float32),
         sh_rest=np.zeros((count, *like.sh_rest.shape[1:]), np.float32),
         features=np.zeros((count, *like.features.shape[1:]), np.float32),
     )
@@ -185,13 +195,13 @@ def _lift(
 
 def _fit_camera(camera: Camera) -> Camera:
     """The camera of a look at the fine size: whole coarse pixels, the rest cut off."""
-    fine, factor = camera.scale(FINE), COARSE * FINE
+    fine, factor = camera.scale(FINE), FACTOR
     return replace(fine, width=max(fine.width // factor, 1) * factor, height=max(fine.height // factor, 1) * factor)
 
 
 def _shrink(picture: Float[ndarray, "h w *c"]) -> Float64[ndarray, "a b *c"]:
     """Mean over the fine pixels of each coarse one."""
-    factor = COARSE * FINE
+    factor = FACTOR
     height, width = picture.shape[0] // factor, picture.shape[1] // factor
     blocks = picture.reshape(height, factor, width, factor, *picture.shape[2:])
     return np.asarray(blocks.mean(axis=(1, 3)), np.float64)
@@ -199,8 +209,8 @@ def _shrink(picture: Float[ndarray, "h w *c"]) -> Float64[ndarray, "a b *c"]:
 
 def _draw(
     scene: Scene, fills: list[Gaussians], camera: Camera, time: float
-) -> tuple[Float[ndarray, "h w 3"], Float[ndarray, "h w"], Float[ndarray, "h w"]]:
-    """Colour over the sky, alpha and depth of the scene with what fills it."""
+) -> tuple[Float[ndarray, "h w 3"], Float[ndarray, "h w"], Float[ndarray, "h w"], Float[ndarray, "h w"]]:
+    """Colour over the sky, alpha and depth of the scene with what fills it, and where it shows compact objects."""
     poses, present = scene.find_node_poses(time)
     added = concatenate_gaussians(fills)
     count = len(added)
@@ -213,4 +223,7 @@ def _draw(
         means, quats, gaussians.log_scales, opacities, colors, camera, choose_raster_settings(scene)
     )
     color = frame.color + render_sky_behind(scene.sky, camera, frame.alpha)
-    return color, frame.alpha, frame.depth
+    compact = [instance.id for instance in scene.table if is_compact(instance)]
+    shown = (frame.winner >= 0) & (frame.winner < len(scene))
+    foreign = shown & np.isin(scene.instance_ids[np.where(shown, frame.winner, 0)], compact)
+    return color, frame.alpha, frame.depth, foreign.astype(np.float32)

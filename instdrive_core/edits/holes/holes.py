@@ -16,7 +16,7 @@ from instdrive_core.edits.holes.cast_shadow import find_cast_shadow
 from instdrive_core.edits.holes.free_space import Occluder, build_occluder, count_sightings
 from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.ground_map import GroundMap, build_ground_map, find_solid_cells
+from instdrive_core.edits.holes.ground_map import GroundMap, build_ground_map, find_solid_cells, find_walls
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane
 from instdrive_core.edits.holes.kept_footprint import find_kept_footprint
 from instdrive_core.edits.holes.photo_evidence import Look
@@ -89,10 +89,11 @@ def find_hole(
     `residue` are rows that are left of what was deleted, or that no photo showed: they neither cover the ground nor
     stand on it. `looks` are the photos that show what was deleted, `behind` the instances that hid more than ground.
     """
-    grid = build_ground_grid(replace(found, around=found.around.exclude(residue)))
+    around = found.around.exclude(residue)
+    grid = build_ground_grid(replace(found, around=around))
     if grid is None:
         return None
-    ground = build_ground_map(grid, found.around.exclude(residue))
+    ground = build_ground_map(grid, around)
     kept = find_kept_footprint(found.kept, grid)
     footprint, reached = _find_footprints(grid, found.deleted, kept)
     hidden, uncovered = _find_hidden_cells(grid, found)
@@ -105,26 +106,26 @@ def find_hole(
     wrong = candidates & ~_find_plausible_cells(ground, clean, candidates)
     missing = footprint & ~find_solid_cells(ground)
     closed = _close_gaps(wrong, candidates, ground.obstructed | kept, grid.size)
-    bare = _find_bare_cells(grid, ground, looks, found.place) & (footprint | ~ground.obstructed) & ~kept
+    bare = _find_bare_cells(grid, ground, around, looks, found.place) & (footprint | ~ground.obstructed) & ~kept
     hole = keep_large_parts(closed | missing | bare, grid.size, MIN_AREA)
     shadow = find_cast_shadow(ground, clean, footprint, hole)
     return Hole(grid, np.argwhere(hole), np.argwhere(shadow), behind)
 
 
 def _find_bare_cells(
-    grid: GroundGrid, ground: GroundMap, looks: Sequence[Look], place: Float64[ndarray, "3"]
+    grid: GroundGrid, ground: GroundMap, near: Neighborhood, looks: Sequence[Look], place: Float64[ndarray, "3"]
 ) -> Bool[ndarray, "a b"]:
     """Cells without ground that a photo would show where it showed what was deleted, up to what stands behind."""
     points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
     shown = np.zeros(len(points), bool)
-    walls = np.asarray(ndimage.binary_closing(ground.obstructed, np.ones((3, 3)), iterations=2), bool)
+    walls = ground.obstructed | find_walls(grid, near)
     for look in looks:
         pixels, depths = look.camera.project(points)
         columns, lines = np.floor(np.where(depths[:, None] > 0, pixels, -1)).clip(-1, 1 << 20).astype(np.int64).T
         height, width = look.silhouette.shape
         framed = (depths > 0) & (columns >= 0) & (columns < width) & (lines >= 0) & (lines < height)
         hit = np.flatnonzero(framed & ~shown)
-        hit = hit[look.silhouette[lines[hit], columns[hit]]]
+        hit = hit[look.open[lines[hit], columns[hit]]]
         shown[hit[_is_free_way(grid, walls, place, look.camera.position, points[hit])]] = True
     bare = np.asarray(ndimage.binary_closing(shown.reshape(grid.shape), np.ones((3, 3))), bool)
     return bare & (ground.cover < BARE_COVER)

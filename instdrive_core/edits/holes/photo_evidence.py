@@ -44,7 +44,7 @@ MIN_REACHING = 2
 """… in so many looks for the splat to have been seen."""
 NEAR_SHARE = 0.02
 """Share of the thing's splats that may lie nearer than where it begins."""
-MIN_COVER = 0.8
+MIN_COVER = 0.7
 """Share of light that what stands behind the thing must stop."""
 EXPLAINED_SHARE = 0.6
 """Share of what photos show of a splat that must lie in the thing's silhouette for it to be the thing's."""
@@ -58,6 +58,8 @@ class Look:
     time: float
     silhouette: Bool[ndarray, "h w"]
     """Pixels that show the thing, and a rim around them."""
+    open: Bool[ndarray, "h w"]
+    """Pixels of the silhouette that too little covers once the thing and all that no photo reached is gone."""
     nearest: float
     """Metres along the viewing axis to where the thing begins."""
 
@@ -74,8 +76,11 @@ class PhotoEvidence:
     """Rows, rising, that would show there, and that photos reached past the thing."""
     explained: Int64[ndarray, " e"]
     """Rows, rising, that photos show only within the silhouette of the thing."""
-    gap_share: float
-    """Share of the silhouettes' pixels where too little is left once unseen splats are gone."""
+
+    @property
+    def gap_share(self) -> float:
+        """Share of the silhouettes' pixels that are open."""
+        return float(np.mean(np.concatenate([look.open[look.silhouette] for look in self.looks])))
 
     @property
     def lost(self) -> Int64[ndarray, " l"]:
@@ -101,19 +106,16 @@ def gather_photo_evidence(document: Document, rows: Int64[ndarray, " m"]) -> Pho
     own = np.isin(alive, rows, assume_unique=True)
     tally = _Tally(len(alive))
     looks = [tally.add(document, view, camera, drawn, alive, own) for view, camera in chosen]
-    sizes = [int(look.silhouette.sum()) for look in looks]
-    looks = [looks[place] for place in np.argsort(sizes, kind="stable")[::-1].tolist() if sizes[place]]
-    if not looks:
-        return None
     movable = (scene.nodes[alive] == 0) & ~own & ((document.state.flags[alive] & Flag.LOCKED) == 0)
     uncovered = movable & (tally.uncovered >= MIN_WEIGHT)
     reached = tally.reaching >= MIN_REACHING
     inside = tally.explained >= EXPLAINED_SHARE * (tally.explained + tally.beside)
     explained = movable & ~reached & inside & (tally.explained >= MIN_WEIGHT)
     unseen = uncovered & ~reached
-    return PhotoEvidence(
-        tuple(looks), alive[unseen], alive[uncovered & reached], alive[explained], tally.measure_gaps(unseen | explained)
-    )  # fmt: skip
+    looks = [tally.open_look(number, look, unseen | explained) for number, look in enumerate(looks)]
+    sizes = [int(look.silhouette.sum()) for look in looks]
+    looks = tuple(looks[place] for place in np.argsort(sizes, kind="stable")[::-1].tolist() if sizes[place])
+    return PhotoEvidence(looks, alive[unseen], alive[uncovered & reached], alive[explained]) if looks else None
 
 
 class _Tally:
@@ -159,12 +161,15 @@ class _Tally:
         self.reaching += (beside >= REACHED_SHARE * (beside + uncovered)) & (beside >= MIN_WEIGHT / 2)
         forward = camera.camera_from_world[2]
         depths = means[own] @ forward[:3] + forward[3]
-        return Look(camera, view.time, silhouette, float(np.quantile(depths, NEAR_SHARE)))
+        nearest = float(np.quantile(depths, NEAR_SHARE))
+        return Look(camera, view.time, silhouette, np.zeros_like(silhouette), nearest)
 
-    def measure_gaps(self, lost: Bool[ndarray, " n"]) -> float:
-        """Measure the share of all silhouettes' pixels that the splats not `lost` do not cover."""
-        covers = np.concatenate([_sum_by_pixel(each, np.where(lost[each.rows], 0, each.weights)) for each in self.left])
-        return float(np.mean(covers < MIN_COVER)) if len(covers) else 0.0
+    def open_look(self, number: int, look: Look, lost: Bool[ndarray, " n"]) -> Look:
+        """The look with what is open in it once the `lost` splats are gone, too."""
+        left, opened = self.left[number], look.open.copy()
+        covers = _sum_by_pixel(left, np.where(lost[left.rows], 0, left.weights))
+        opened[look.silhouette] = covers < MIN_COVER
+        return replace(look, open=opened)
 
 
 def _sum_by_pixel(found: BlendWeights, values: ndarray) -> Float64[ndarray, " p"]:
