@@ -31,6 +31,10 @@ MAX_GAP_SHARE = 0.02
 """Share of what a thing hid that may be open to the sky without a fill."""
 
 
+SCRAP_SHARE = 0.1
+"""An instance with at most this share of a deleted one's splats is no thing that stands behind it."""
+
+
 @dataclass(frozen=True)
 class DeletedPart:
     """Rows of one instance that were deleted together."""
@@ -126,7 +130,7 @@ def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: fl
 
 def _build_report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
     found, kept = [], []
-    evidence = gather_photo_evidence(document, np.unique(np.concatenate([part.rows for part in parts])))
+    evidence = gather_photo_evidence(document, [part.rows for part in parts])
     for number, part in enumerate(parts):
         report(0.3 + 0.2 * number / len(parts))
         remainder = None if part.whole else divide_instance(document, part.instance_id, part.rows)
@@ -165,7 +169,10 @@ def _find_residue(
     strays = find_floaters_around(document, part.instance_id, part.rows, kept)
     if evidence is not None:
         shown = find_rows_close_to(document, part.instance_id, part.rows, evidence.explained)
-        strays = np.union1d(np.setdiff1d(strays, evidence.seen, assume_unique=True), shown)
+        ids = document.scene.instance_ids[strays]
+        sizes = np.array([len(document.find_rows((number,))) for number in np.unique(ids).tolist()], np.int64)
+        scraps = np.isin(ids, np.unique(ids)[sizes <= SCRAP_SHARE * len(part.rows)])
+        strays = np.union1d(strays[scraps | ~np.isin(strays, evidence.seen)], shown)
     if remainder is None:
         return strays
     return strays[np.isin(strays, remainder.missed) | is_near_deleted(document, strays, remainder)]

@@ -43,6 +43,8 @@ SOLID_ALPHA = 0.7
 """Pixels that are covered more have a depth to go by."""
 GAP_RIM = 1
 """Coarse pixels around a gap that are closed, too."""
+PIECE_REACH = 10
+"""Coarse pixels around the silhouette from which pieces are taken: what stands farther off is something else."""
 FOREIGN_SHARE = 0.3
 """Share of a coarse pixel from which it shows another car."""
 SPREAD = 0.6
@@ -92,7 +94,8 @@ def _close_look(scene: Scene, fills: list[Gaussians], look: Look, rng: np.random
     gap &= ~before
     # Neither what stands in front nor another car is continued.
     foreign = np.asarray(ndimage.binary_dilation(before | (_shrink(foreign) > FOREIGN_SHARE)), bool)
-    known = ~gap & ~foreign
+    close: Bool[ndarray, "a b"] = np.asarray(ndimage.binary_dilation(silhouette, iterations=PIECE_REACH), bool)
+    known = ~gap & ~foreign & close
     sources = choose_source_cells(
         small[0].transpose(1, 0, 2).astype(np.float64), np.ascontiguousarray(known.T), np.ascontiguousarray(gap.T),
         rng, PIECES,

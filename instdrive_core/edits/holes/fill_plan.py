@@ -26,7 +26,7 @@ ROAD_BAND = 0.08
 """Metres from the plane within which a cell is taken for carriageway, lower than kerbs."""
 ROAD_SMOOTHING = 1.5
 """Metres over which the carriageway's height is averaged."""
-DETAIL = 2
+DETAIL = 3
 """Tiles per side of a cell that show what is copied."""
 BED_DEPTH = 0.05
 """Metres below the ground at which larger tiles seal the gaps between those."""

@@ -20,17 +20,19 @@ from instdrive_core.scene.scene import place_in_world
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import copy_transformed
 
-MAX_LOOKS = 14
-"""Photos that are asked; those that show most of the thing, from different places."""
-APART = 3
+SYNTHETIC = "synthetic"
+"""Name of the per-splat column that is 1 for splats no photo was the reason for, and the class of their instances."""
+MAX_LOOKS, MAX_WITNESSES = 10, 8
+"""Photos that are asked: those that show most of the thing, and those that show most of what these did not reach."""
+APART = 2
 """Time steps between photos of one camera."""
 MIN_PIXELS = 60
 """Pixels of a photo, at full size, that the thing must span to be looked at."""
-GROWTH = 0.4
-"""Share of the thing's size by which the part of a photo that is looked at reaches beyond it, …"""
-BORDER = 12
+AROUND = 2.5
+"""Metres around the thing that are looked at …"""
+BORDER = 8
 """… and pixels on top."""
-MAX_PIXELS = 9000
+MAX_PIXELS = 8000
 """Pixels of that part; it is made smaller where it has more."""
 OWN_SHARE = 0.4
 """Share of a pixel's light from which it shows the thing."""
@@ -88,9 +90,14 @@ class PhotoEvidence:
         return np.union1d(self.unseen, self.explained)
 
 
-def gather_photo_evidence(document: Document, rows: Int64[ndarray, " m"]) -> PhotoEvidence | None:
-    """Compare the photos' views with and without some rows of the background, deleted or not; None without photos."""
+def gather_photo_evidence(document: Document, groups: Sequence[Int64[ndarray, "_"]]) -> PhotoEvidence | None:
+    """Compare the photos' views with and without groups of rows, deleted or not, each of one thing.
+
+    Things that move hid nothing for long, so they are left out; None where nothing is left, or there are no photos.
+    """
     scene = document.scene
+    still = [rows for rows in groups if len(rows) and np.count_nonzero(scene.nodes[rows]) < len(rows) / 2]
+    rows = np.unique(np.concatenate([np.zeros(0, np.int64), *still]))
     rows = rows[scene.nodes[rows] == 0]
     solid = rows[sigmoid(scene.gaussians.opacity_logits[rows]) >= OWN_SHARE]
     if not len(solid) or not scene.views:
@@ -106,7 +113,12 @@ def gather_photo_evidence(document: Document, rows: Int64[ndarray, " m"]) -> Pho
     own = np.isin(alive, rows, assume_unique=True)
     tally = _Tally(len(alive))
     looks = [tally.add(document, view, camera, drawn, alive, own) for view, camera in chosen]
+    doubted = np.flatnonzero((tally.uncovered >= MIN_WEIGHT) & (tally.reaching < MIN_REACHING) & (scene.nodes[alive] == 0))
+    for view, camera in _choose_witnesses(scene.views, drawn.means[doubted].astype(np.float64), chosen):
+        tally.add(document, view, camera, drawn, alive, own)
     movable = (scene.nodes[alive] == 0) & ~own & ((document.state.flags[alive] & Flag.LOCKED) == 0)
+    if SYNTHETIC in scene.extra:
+        movable &= scene.extra[SYNTHETIC][alive] == 0
     uncovered = movable & (tally.uncovered >= MIN_WEIGHT)
     reached = tally.reaching >= MIN_REACHING
     inside = tally.explained >= EXPLAINED_SHARE * (tally.explained + tally.beside)
@@ -153,10 +165,9 @@ class _Tally:
         gone = compute_blend_weights(means, quats, drawn.log_scales, free, camera, hidden, settings)
         self.left.append(gone)
         uncovered = np.bincount(gone.rows, gone.weights, len(alive))
-        inside = np.repeat(silhouette.ravel(), np.diff(full.indptr))
-        beside = np.bincount(full.rows[~inside], full.weights[~inside], len(alive))
+        beside = _sum_by_row(full, ~silhouette, len(alive))
         self.beside += beside
-        self.explained += np.bincount(full.rows[inside], full.weights[inside], len(alive))
+        self.explained += _sum_by_row(full, shown, len(alive))  # what lies on its rim shows nothing
         self.uncovered += uncovered
         self.reaching += (beside >= REACHED_SHARE * (beside + uncovered)) & (beside >= MIN_WEIGHT / 2)
         forward = camera.camera_from_world[2]
@@ -172,9 +183,15 @@ class _Tally:
         return replace(look, open=opened)
 
 
+def _sum_by_row(found: BlendWeights, chosen: Bool[ndarray, "h w"], count: int) -> Float64[ndarray, " n"]:
+    """Weights of each of `count` splats in the chosen pixels."""
+    entries = np.repeat(chosen.ravel(), np.diff(found.indptr))
+    return np.bincount(found.rows[entries], found.weights[entries], count).astype(np.float64)
+
+
 def _sum_by_pixel(found: BlendWeights, values: ndarray) -> Float64[ndarray, " p"]:
     pixels = np.repeat(np.arange(len(found.indptr) - 1), np.diff(found.indptr))
-    return np.bincount(pixels, values, len(found.indptr) - 1)
+    return np.bincount(pixels, values, len(found.indptr) - 1).astype(np.float64)
 
 
 def _choose_views(
@@ -196,6 +213,37 @@ def _choose_views(
     return chosen
 
 
+def _choose_witnesses(
+    views: Sequence[CameraView], points: Float64[ndarray, "k 3"], chosen: Sequence[tuple[CameraView, Camera]]
+) -> list[tuple[CameraView, Camera]]:
+    """Further views, which may not show the thing at all, of points that the chosen ones did not reach past it."""
+    found = []
+    taken = [view for view, _ in chosen]
+    for view in views:
+        pixels, depths = view.camera.project(points)
+        framed = (depths > 0.3) & ((pixels >= 0) & (pixels < [view.camera.width, view.camera.height])).all(axis=1)
+        if framed.sum() > max(0.05 * len(points), 3) and not any(view is other for other in taken):
+            part = _cut_camera(view.camera, pixels[framed])
+            found.append((int(framed.sum()), view, part))
+    found.sort(key=lambda each: -each[0])
+    witnesses: list[tuple[CameraView, Camera]] = []
+    for _, view, camera in found:
+        if all(view.name != other.name or abs(view.index - other.index) >= APART for other in taken):
+            witnesses.append((view, camera))
+            taken.append(view)
+        if len(witnesses) == MAX_WITNESSES:
+            break
+    return witnesses
+
+
+def _cut_camera(camera: Camera, pixels: Float64[ndarray, "k 2"]) -> Camera:
+    """The camera of the part of a photo around pixels, with at most `MAX_PIXELS`."""
+    x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - BORDER), 0).astype(int).tolist()
+    x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + BORDER), [camera.width, camera.height]).astype(int).tolist()
+    part = replace(camera, cx=camera.cx - x0, cy=camera.cy - y0, width=x1 - x0, height=y1 - y0)
+    return part.scale(min(1.0, float(np.sqrt(MAX_PIXELS / (part.width * part.height)))))
+
+
 def _crop_camera(camera: Camera, points: Float64[ndarray, "k 3"]) -> tuple[Camera, float] | None:
     """The camera of the part of a photo around points, and how many pixels they span; None where it shows too few."""
     pixels, depths = camera.project(points)
@@ -203,12 +251,10 @@ def _crop_camera(camera: Camera, points: Float64[ndarray, "k 3"]) -> tuple[Camer
     framed = (depths > 0.3) & ((pixels >= 0) & (pixels < size)).all(axis=1)
     if np.count_nonzero(framed) < max(0.1 * len(points), 3):
         return None
-    low, high = pixels[framed].min(axis=0), pixels[framed].max(axis=0)
-    span = float(np.prod(high - low))
+    span = float(np.prod(np.ptp(pixels[framed], axis=0)))
     if span < MIN_PIXELS:
         return None
-    margin = GROWTH * (high - low) + BORDER
-    x0, y0 = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
-    x1, y1 = np.minimum(np.ceil(high + margin), size).astype(int).tolist()
-    part = replace(camera, cx=camera.cx - x0, cy=camera.cy - y0, width=x1 - x0, height=y1 - y0)
-    return part.scale(min(1.0, float(np.sqrt(MAX_PIXELS / (part.width * part.height))))), span
+    steps = AROUND * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    around, away = camera.project((points[:: 1 + len(points) // 1000, None] + steps).reshape(-1, 3))
+    pixels = np.concatenate([pixels[framed], np.clip(around[away > 0.3], 0, size)])
+    return _cut_camera(camera, pixels), span

@@ -29,15 +29,12 @@ from instdrive_core.edits.holes.cast_shadow import find_shaded_cells
 from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill, plan_nothing
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
-from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, gather_photo_evidence
+from instdrive_core.edits.holes.photo_evidence import SYNTHETIC, PhotoEvidence, gather_photo_evidence
 from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
-
-SYNTHETIC = "synthetic"
-"""Name of the per-splat column that is 1 for splats no photo was the reason for, and the class of their instances."""
 
 
 @dataclass
@@ -180,11 +177,9 @@ class FillHole(AppendEdit):
         return replace(plan, backdrop=backdrop.gaussians, backdrop_like=left[~deleted[left]][backdrop.like])
 
     def _gather_evidence(self, document: Document) -> PhotoEvidence | None:
-        known = [number for number in self.behind if number in document.scene.table]
-        if not known:
-            return None
-        rows = np.sort(np.concatenate([document.find_rows((number,)) for number in known]))
-        return gather_photo_evidence(document, rows[(document.state.flags[rows] & Flag.DELETED) != 0])
+        rows = [document.find_rows((number,)) for number in self.behind if number in document.scene.table]
+        deleted = document.state.find_mask(Flag.DELETED)
+        return gather_photo_evidence(document, [each[deleted[each]] for each in rows]) if rows else None
 
     def _plan_ground(self, document: Document, lost: Int64[ndarray, " l"], rng: np.random.Generator) -> FillPlan:
         cells = np.array(self.cells, np.int64)
