@@ -11,6 +11,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.queries.compact_objects import SYNTHETIC
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, compute_blend_weights
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings
@@ -20,8 +21,6 @@ from instdrive_core.scene.scene import place_in_world
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import copy_transformed
 
-SYNTHETIC = "synthetic"
-"""Name of the per-splat column that is 1 for splats no photo was the reason for, and the class of their instances."""
 MAX_LOOKS, MAX_WITNESSES = 10, 8
 """Photos that are asked: those that show most of the thing, and those that show most of what these did not reach."""
 APART = 2

@@ -29,9 +29,10 @@ from instdrive_core.edits.holes.cast_shadow import find_shaded_cells
 from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill, plan_nothing
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
-from instdrive_core.edits.holes.photo_evidence import SYNTHETIC, PhotoEvidence, gather_photo_evidence
+from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, gather_photo_evidence
 from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.compact_objects import SYNTHETIC
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag

@@ -14,6 +14,8 @@ from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
 
 
+SYNTHETIC = "synthetic"
+"""Name of the per-splat column that is 1 for splats no photo was the reason for, and the class of their instances."""
 FAR_STRAYS = replace(DEFAULT_CONFIG, stray_share=0.06)
 """For an instance whose bounds are an object's though more splats than usual lie far from it."""
 
@@ -43,8 +45,9 @@ def build_body(document: Document, instance_id: int, members: Int64[ndarray, " m
 
 
 def is_compact(instance: Instance) -> bool:
-    """Whether an instance's bounds are those of an object, not of a surface or a scrap."""
+    """Whether an instance's bounds are those of an object, not of a surface, of a scrap or of what fills a hole."""
     low, high = np.array(instance.bounds)
     size = high - low
     large_enough = instance.count >= DEFAULT_CONFIG.min_gaussians and size[2] >= DEFAULT_CONFIG.min_height
+    large_enough &= instance.class_name != SYNTHETIC
     return bool(large_enough and size[:2].max() <= DEFAULT_CONFIG.max_length)
