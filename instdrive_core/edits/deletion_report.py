@@ -26,7 +26,6 @@ from instdrive_core.progress import report
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 
-
 MAX_GAP_SHARE = 0.02
 """Share of what a thing hid that may be open to the sky without a fill."""
 

@@ -114,7 +114,7 @@ def _close_look(scene: Scene, fills: list[Gaussians], look: Look, rng: np.random
 def continue_smoothly(
     values: Float64[ndarray, "a b"], known: Bool[ndarray, "a b"], gap: Bool[ndarray, "a b"]
 ) -> Float64[ndarray, "a b"]:
-    """Values of the gap that are the mean of their neighbours: Laplace's equation, with free ends where nothing is known.
+    """Values of the gap that are the mean of their neighbours (Laplace's equation), free where nothing is known.
 
     Pieces of the gap that touch nothing known get 0; cells outside of the gap keep their values.
     """
@@ -222,9 +222,7 @@ def _draw(
     means, quats = place_in_world(gaussians.means, gaussians.quats, nodes, poses)
     colors = compute_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, nodes, poses)
     opacities = np.where(present[nodes], gaussians.opacities, np.float32(0))
-    frame = render_preview(
-        means, quats, gaussians.log_scales, opacities, colors, camera, choose_raster_settings(scene)
-    )
+    frame = render_preview(means, quats, gaussians.log_scales, opacities, colors, camera, choose_raster_settings(scene))
     color = frame.color + render_sky_behind(scene.sky, camera, frame.alpha)
     compact = [instance.id for instance in scene.table if is_compact(instance)]
     shown = (frame.winner >= 0) & (frame.winner < len(scene))

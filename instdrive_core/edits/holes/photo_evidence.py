@@ -112,7 +112,9 @@ def gather_photo_evidence(document: Document, groups: Sequence[Int64[ndarray, "_
     own = np.isin(alive, rows, assume_unique=True)
     tally = _Tally(len(alive))
     looks = [tally.add(document, view, camera, drawn, alive, own) for view, camera in chosen]
-    doubted = np.flatnonzero((tally.uncovered >= MIN_WEIGHT) & (tally.reaching < MIN_REACHING) & (scene.nodes[alive] == 0))
+    doubted = np.flatnonzero(
+        (tally.uncovered >= MIN_WEIGHT) & (tally.reaching < MIN_REACHING) & (scene.nodes[alive] == 0)
+    )
     for view, camera in _choose_witnesses(scene.views, drawn.means[doubted].astype(np.float64), chosen):
         tally.add(document, view, camera, drawn, alive, own)
     movable = (scene.nodes[alive] == 0) & ~own & ((document.state.flags[alive] & Flag.LOCKED) == 0)
@@ -193,9 +195,7 @@ def _sum_by_pixel(found: BlendWeights, values: ndarray) -> Float64[ndarray, " p"
     return np.bincount(pixels, values, len(found.indptr) - 1).astype(np.float64)
 
 
-def _choose_views(
-    views: Sequence[CameraView], points: Float64[ndarray, "k 3"]
-) -> list[tuple[CameraView, Camera]]:
+def _choose_views(views: Sequence[CameraView], points: Float64[ndarray, "k 3"]) -> list[tuple[CameraView, Camera]]:
     """Views that show most of the points, and the cameras of the parts of them that do."""
     found = []
     for view in views:

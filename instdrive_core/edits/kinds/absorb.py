@@ -130,7 +130,7 @@ def find_floaters_around(
 def find_rows_close_to(
     document: Document, instance_id: int, members: Int64[ndarray, " m"], rows: Int64[ndarray, " n"]
 ) -> Int64[ndarray, " k"]:
-    """Those of `rows` that lie in or close around the body of some rows of an instance; none where they span no body."""
+    """Those of `rows` that lie in or close around the body that `members` span; none where they span none."""
     members = keep_main_node(document, members)
     body = build_body(document, instance_id, members)
     if body is None:

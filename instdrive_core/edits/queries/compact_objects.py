@@ -13,7 +13,6 @@ from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject, fi
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
 
-
 SYNTHETIC = "synthetic"
 """Name of the per-splat column that is 1 for splats no photo was the reason for, and the class of their instances."""
 FAR_STRAYS = replace(DEFAULT_CONFIG, stray_share=0.06)
