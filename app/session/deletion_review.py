@@ -17,7 +17,6 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.holes.holes import Hole
-from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.kinds.fill_hole import FillHole
@@ -275,8 +274,6 @@ class DeletionReview:
                 return None
             progress.report(0.9)
             absorption = report.make_absorb_edit()
-            if isinstance(absorption, AbsorbFloaters):
-                absorption.prepare(frozen)
             places = frozen.compute_means(report.residue).astype(np.float64)
             nodes = frozen.scene.nodes[report.residue]
             return DeletionFindings(document, deletion, report, places, nodes, absorption, time=time, is_move=is_move)

