@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
 from numpy import ndarray
@@ -17,6 +19,8 @@ STANDING_HEIGHT, STANDING_LENGTH = 1.2, 1.0
 """Metres: a part at least so high and at most so long is a person or a post by itself."""
 INSIDE = 0.7
 """Share of a cluster's points above the footprint of another from which on they are one object."""
+HEADROOM = 0.1
+"""Metres above a vehicle's highest point up to which points are part of it."""
 SURROUNDED = 0.3
 """Share of a small cluster's points that lie within reach of a larger one for it to be a part of it."""
 SPLINTER = 1.2
@@ -60,6 +64,36 @@ def join_vehicle_parts(
     joined = np.full(len(clusters), -1, np.int32)
     joined[rows] = np.unique(owner[compact], return_inverse=True)[1]
     return joined
+
+
+def claim_insides(
+    points: Float32[ndarray, "n 3"],
+    clusters: Int32[ndarray, " n"],
+    vehicles: Iterable[int],
+    above: Float32[ndarray, " n"],
+) -> Int32[ndarray, " n"]:
+    """Give vehicles what lies above their footprints and below their tops: seats and dashboards, met through glass.
+
+    Args:
+        points: metres.
+        clusters: number by point.
+        vehicles: numbers of clusters that may be vehicles; those of another size claim nothing.
+        above: metres above the ground.
+    """
+    claimed = clusters.copy()
+    tree = KDTree(points[:, :2]) if len(points) else None
+    for number in vehicles:
+        own = np.flatnonzero(clusters == number)
+        if tree is None or len(own) < 3 or above[own].max() > VEHICLE_TOP:
+            continue
+        hull = _compute_hull(points[own, :2].astype(float))
+        length, width = _measure_hull(hull)
+        if not (VEHICLE_WIDTH / 2 < length < VEHICLE_LENGTH and 0 < width < VEHICLE_WIDTH):
+            continue
+        near = np.array(tree.query_ball_point(hull.mean(axis=0), length), np.int64)
+        inside = near[_is_within(points[near, :2].astype(float), hull) & (above[near] <= above[own].max() + HEADROOM)]
+        claimed[inside] = number
+    return claimed
 
 
 def join_splinters(

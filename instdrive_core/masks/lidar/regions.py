@@ -30,8 +30,8 @@ BEHIND = 0.3
 SUPERPIXEL = 10.0
 """Pixels along an edge of a superpixel."""
 COMPACTNESS = 8.0
-MAX_HOLE = 0.012
-"""Share of the photo up to which a part of a region is a hole in another one."""
+MAX_HOLE = 0.04
+"""Share of the photo up to which a part of a region is a hole in another one: a window of a car that is close."""
 ENCLOSED = 0.85
 """Share of a hole's rim that must be of one other label."""
 RIM = 4

@@ -16,11 +16,12 @@ from scipy.spatial import KDTree
 from instdrive_core.datasets.clip import Clip, Sweep
 from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, classify_clusters
 from instdrive_core.masks.lidar.cluster_motion import MovingCluster, complete_clusters
-from instdrive_core.masks.lidar.cluster_parts import join_splinters, join_vehicle_parts
+from instdrive_core.masks.lidar.cluster_parts import claim_insides, join_splinters, join_vehicle_parts
 from instdrive_core.masks.lidar.clusters import absorb_small_clusters, cluster_points, thin_rows
 from instdrive_core.masks.lidar.ground import GroundSurface, find_ground, is_ground
 from instdrive_core.masks.lidar.moving_points import ClusteredSweep, find_moving_clusters
 from instdrive_core.masks.lidar.point_shape import compute_point_shape
+from instdrive_core.masks.lidar.walls import join_facades
 
 MAX_DISTANCE = 90.0
 """Metres from the sensor up to which points are used."""
@@ -175,8 +176,11 @@ def _gather_static(
     kinds = classify_clusters(points, clusters, shape, above)
     things = kinds[clusters] == THING
     whole = join_vehicle_parts(points, np.where(things, clusters, -1).astype(np.int32), above)
-    clusters = np.where(things, len(kinds) + whole, clusters)
+    clusters = np.where(things, len(kinds) + whole, clusters).astype(np.int32)
+    first = len(kinds)
     kinds = np.append(kinds, np.full(int(whole.max(initial=-1)) + 1, THING, np.uint32))
+    clusters = claim_insides(points, clusters, range(first, len(kinds)), above)
+    clusters = join_facades(points, clusters, kinds, distance.astype(np.float32))
     return points, *_number_points(*_merge_scraps(kinds, clusters))
 
 

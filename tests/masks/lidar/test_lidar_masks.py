@@ -12,7 +12,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.masks.annotated.labels import OPEN
 from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, classify_clusters
 from instdrive_core.masks.lidar.cluster_motion import MovingCluster, complete_clusters
-from instdrive_core.masks.lidar.cluster_parts import join_splinters, join_vehicle_parts
+from instdrive_core.masks.lidar.cluster_parts import claim_insides, join_splinters, join_vehicle_parts
 from instdrive_core.masks.lidar.clusters import absorb_small_clusters, cluster_points, thin_rows
 from instdrive_core.masks.lidar.ground import find_ground, is_ground
 from instdrive_core.masks.lidar.labels import LidarLabels
@@ -20,6 +20,7 @@ from instdrive_core.masks.lidar.moving_points import ClusteredSweep, find_moving
 from instdrive_core.masks.lidar.point_shape import compute_point_shape
 from instdrive_core.masks.lidar.regions import fill_label_holes, vote_by_superpixel
 from instdrive_core.masks.lidar.see_through import build_range_image, is_seen_through
+from instdrive_core.masks.lidar.walls import join_facades
 
 
 def box(low, high, count, rng):
@@ -192,6 +193,38 @@ def test_what_is_seen_through_a_window_belongs_to_the_car_but_not_what_stands_be
     assert (filled[50:54, 10:14] == 5).all(), "a thing on the floor"
     assert (filled[5:8, 5:8] == 0).all()
     assert (filled[:20, 20:] == 0).all()
+
+
+def test_seats_met_through_glass_belong_to_the_car_and_what_lies_beside_or_above_it_does_not():
+    rng = np.random.default_rng(0)
+    shell = box([0, 0, 0.3], [4.4, 1.8, 1.5], 4000, rng)
+    shell = shell[(shell[:, 1] < 0.1) | (shell[:, 2] > 1.4) | (shell[:, 0] < 0.1) | (shell[:, 0] > 4.3)]
+    seats, branch = box([1, 0.5, 0.8], [3, 1.4, 1.3], 100, rng), box([1, 0.5, 2.0], [3, 1.4, 3.0], 100, rng)
+    hedge = box([0, 2.2, 0.3], [4.4, 2.8, 1.5], 100, rng)
+    shed = box([10, 0, 0], [16, 5, 2.4], 3000, rng)
+    inside_shed = box([12, 1, 1], [14, 3, 2], 100, rng)
+    parts = (shell, seats, branch, hedge, shed, inside_shed)
+    clusters = np.repeat(np.arange(6), [len(part) for part in parts]).astype(np.int32)
+    points = np.concatenate(parts)
+    claimed = claim_insides(points, clusters, [0, 4], points[:, 2])
+    assert (claimed[clusters == 1] == 0).all()
+    assert all((claimed[clusters == number] == number).all() for number in (0, 2, 3, 4, 5))
+
+
+def test_a_wall_cut_by_windows_and_its_cornice_are_one_facade_and_the_house_opposite_is_another():
+    rng = np.random.default_rng(0)
+    wall = [box([x, 0, 0], [x + 3, 0.1, 4], 400, rng) for x in (0, 3.8, 7.6)]
+    cornice = box([0, 0.3, 6], [10.6, 0.5, 7], 400, rng)
+    opposite = box([0, 12, 0], [10, 12.1, 5], 400, rng)
+    tree = box([4, -1, 1], [6, -0.2, 4], 400, rng)
+    parts = (*wall, cornice, opposite, tree)
+    clusters = np.repeat(np.arange(6), [len(part) for part in parts]).astype(np.int32)
+    kinds = np.array([FACADE] * 5 + [VEGETATION], np.uint32)
+    points = np.concatenate(parts)
+    joined = join_facades(points, clusters, kinds, np.full(len(points), 10, np.float32))
+    assert [np.unique(joined[clusters == number]).tolist() for number in range(6)] == [[0]] * 4 + [[4], [5]]
+    far = join_facades(points * 3, clusters, kinds, np.full(len(points), 80, np.float32))
+    assert set(far[clusters < 3]) == {0}, "far away, points lie farther apart"
 
 
 @pytest.fixture(scope="module")
