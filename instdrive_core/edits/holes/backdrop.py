@@ -106,8 +106,9 @@ def _close_look(scene: Scene, fills: list[Gaussians], look: Look, rng: np.random
     anchored = known & (cover >= SOLID_ALPHA) & (distance > look.nearest)
     inverse = continue_smoothly(1 / np.maximum(distance, 1e-3), anchored, gap)
     offsets = np.repeat(np.repeat(sources - np.indices(gap.shape).transpose(1, 2, 0), FACTOR, 0), FACTOR, 1) * FACTOR
-    blown = [np.kron(each, np.ones((FACTOR, FACTOR), bool)) for each in (known & (cover >= SKY_ALPHA), gap)]
-    blended = blend_copies(color.astype(np.float64), *blown, offsets)
+    blocks = np.ones((FACTOR, FACTOR), bool)
+    anchors, open_pixels = np.kron(known & (cover >= SKY_ALPHA), blocks), np.kron(gap, blocks)
+    blended = blend_copies(color.astype(np.float64), anchors, open_pixels, offsets)
     return _lift(fills[0], camera, blended, alpha, gap, sources, inverse)
 
 
