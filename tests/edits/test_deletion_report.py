@@ -61,7 +61,7 @@ def test_a_report_before_the_deletion_is_that_of_after(street):
 
 
 def test_ground_that_photos_reached_is_no_hole(street):
-    """Of the other car's surroundings, the side of the photos."""
+    """The side of the other car that faces the photos is whole."""
     document = Document(deepcopy(street.empty))
     document.apply(DeleteInstances((OTHER_CAR,)))
     report = report_deletion(document, (OTHER_CAR,), 0.0)

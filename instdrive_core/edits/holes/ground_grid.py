@@ -76,7 +76,7 @@ class GroundGrid:
 
 
 def refine_grid(grid: GroundGrid, factor: int) -> GroundGrid:
-    """The same lattice with `factor` × `factor` cells for each."""
+    """Divide each cell of a lattice into `factor` × `factor` cells."""
     return replace(grid, size=grid.size / factor, shape=(grid.shape[0] * factor, grid.shape[1] * factor))
 
 
