@@ -53,6 +53,13 @@ class Tool(Protocol):
     """What the handles at the selection do; None where the tool has none."""
     outline: tuple[Point, ...]
     """The closed line that is being dragged; empty while nothing is."""
+    trail: tuple[Point, ...]
+    """The line that a brush has painted along; empty while it does not."""
+
+    @property
+    def ring(self) -> float:
+        """Radius in pixels of the ring around the pointer; 0 = none."""
+        ...
 
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
         """Handle the pointer at this position in the frame `snapshot`."""

@@ -135,6 +135,12 @@ class EditorState:
     """Whether region tools select single splats instead of whole instances."""
     region_visible_only: bool = True
     """Whether region tools leave out what is hidden behind something."""
+    brush_radius: float = 24.0
+    """Pixels of the picture."""
+    brush_depth: float = 1.0
+    """Metres behind what is seen that the brush reaches."""
+    color_tolerance: float = 0.1
+    """Difference of colours, 0 … 1 in each channel, up to which they are alike."""
     id_opacity: float = DEFAULT_ID_OPACITY
     show_sky: bool = True
     plain_solo: bool = True

@@ -70,12 +70,15 @@ def _large_figures(folder: Path, options: Options) -> dict[str, float]:
         editor.settle()
         still, moving = editor.fps_still(options.frames), editor.fps_moving(options.moving_seconds)
         click, edits = editor.click_seconds(options.actions), editor.edit_seconds(options.actions)
+        brush, ranged = editor.brush_seconds(options.actions), editor.range_seconds(options.actions)
         exported = editor.export(folder / "exported.ply")
         return {
             "fps_1m_720p": still,
             "fps_1m_720p_moving": moving,
             "click_ms_1m": 1e3 * click,
             **{f"{name}_ms_1m": 1e3 * seconds for name, seconds in edits.items()},
+            "brush_ms_1m": 1e3 * brush,
+            "range_ms_1m": 1e3 * ranged,
             "open_s_1m": opened,
             "export_s_1m": exported,
             "max_freeze_ms": 1e3 * editor.longest_freeze,

@@ -20,6 +20,7 @@ from instdrive_app.render.warm_up import warm_up
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import Intrinsics, Viewpoint, resolve
 from instdrive_app.tools.pick import PickTool
+from instdrive_app.tools.registry import create_tools
 from instdrive_core.scene.camera import Camera
 
 PATIENCE = 120.0
@@ -139,6 +140,35 @@ class DrivenEditor:
                 taken["undo"].append(self.frame(session.history.undo))
                 self.settle()
         return {name: statistics.median(seconds) for name, seconds in taken.items()}
+
+    def brush_seconds(self, moves: int) -> float:
+        """Median time of a move of the brush: what lies under it is marked in the whole scene."""
+        session, snapshot = self.session, self.view.snapshot
+        assert snapshot is not None
+        tool = create_tools(session, lambda asked: self.view.renderer.read_rows(asked))["brush"]
+        width, height = snapshot.camera.width, snapshot.camera.height
+        path = [(width * (0.2 + 0.6 * part / moves), height * 0.6) for part in range(moves + 1)]
+        tool.hover(*path[0], snapshot)
+        taken = []
+        for point in path[1:]:
+            begun = time.perf_counter()
+            tool.drag(path[0], point)
+            taken.append(time.perf_counter() - begun)
+        tool.cancel()
+        return statistics.median(taken[1:])  # the first one looks at where everything is
+
+    def range_seconds(self, moves: int) -> float:
+        """Median time of a move of the slider that selects a range of sizes."""
+        session, taken = self.session, []
+        session.filter.choose("size")
+        low, high = session.filter.find_limits()
+        for part in range(1, moves + 1):
+            begun = time.perf_counter()
+            session.filter.select_range(low, low + (high - low) * part / (2 * moves))
+            taken.append(time.perf_counter() - begun)
+        session.history.undo()
+        self.settle()
+        return statistics.median(taken)
 
 
 @contextmanager

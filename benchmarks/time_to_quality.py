@@ -65,7 +65,7 @@ class Quality:
 
 def quality(scene: Scene, clip: Clip, photos: int) -> Quality:
     """Compare held-out photos with the scene."""
-    frames = clip.held_out_frames
+    frames = clip.with_cameras(scene.views).held_out_frames
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(photos, len(frames))).round().astype(int))
     whole, actors = [], []
     for frame in (frames[number] for number in chosen):
@@ -88,7 +88,7 @@ def build_scene(trainer: Trainer, clip: Clip) -> Scene:
     exposures = None
     if trainer.config.geometry.exposure_lr:
         exposures = export_exposures(trainer.model.shared["exposures"], trainer.store.facts)
-    return export_trained_scene(trainer.model, clip, trainer.config, learned=None, exposures=exposures)
+    return export_trained_scene(trainer.model, clip, trainer.config, None, exposures, trainer.cameras)
 
 
 def main(options: Options) -> dict[str, object]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from instdrive_core.errors import InstDriveError
 
 EXTRAS = {
+    "cv2": "train",
     "embreex": "train",
     "gsplat": "cuda",
     "pandas": "train",

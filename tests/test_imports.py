@@ -108,7 +108,7 @@ def test_benchmarks_are_imported_by_their_own_tests_only():
 )
 def test_opening_editing_and_drawing_never_load_torch(module):
     loaded = modules_after(f"import {module}")
-    assert not loaded & {"torch", "embreex", "pandas", "pycocotools", "skimage"}
+    assert not loaded & {"torch", "cv2", "embreex", "pandas", "pycocotools", "skimage"}
     if module.startswith("instdrive_core"):
         assert not loaded & DRAWING_MODULES
 

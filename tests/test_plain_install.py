@@ -18,7 +18,7 @@ from wheel_of_checkout import PIP, ROOT, build_wheel, copy_sources, run
 from instdrive_core.extras import EXTRAS, explain_missing_module
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-IMPORT_NAMES = {"scikit-image": "skimage"}
+IMPORT_NAMES = {"opencv-python-headless": "cv2", "scikit-image": "skimage"}
 """Import names that differ from the distribution's."""
 SAMPLE = ROOT / "assets" / "sample_scene"
 EDIT_AND_EXPORT = """

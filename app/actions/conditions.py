@@ -14,6 +14,16 @@ def is_editable(session: EditorSession) -> bool:
     return session.document is not None and not session.jobs.is_blocking
 
 
+def run_on_instances(session: EditorSession, run: Callable[[], object]) -> Callable[[], None]:
+    """Make a callback that runs on the selected instances; selected splats of none become an instance first."""
+
+    def run_named() -> None:
+        if session.selection.name_loose_splats():
+            run()
+
+    return run_named
+
+
 def explain_disabled(session: EditorSession, action: Action) -> str:
     """Say why an action cannot run now, in a sentence for the user."""
     if session.jobs.is_blocking and session.jobs.current is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from instdrive_app.action import Action
-from instdrive_app.actions.conditions import is_editable, put_request
+from instdrive_app.actions.conditions import is_editable, put_request, run_on_instances
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import AskName, OfferCleanup, ShowPanel
 
@@ -65,10 +65,10 @@ def _list_changes(session: EditorSession) -> list[Action]:
         Action(
             "edit.recolor",
             "Recolour…",
-            ask_color,
+            run_on_instances(session, ask_color),
             "Edit",
             ("C",),
-            enabled=lambda: bool(session.selection.ids),
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_PAINTBRUSH",
             words=("paint", "color", "colour", "tint"),
             undoable=True,
@@ -86,10 +86,10 @@ def _list_changes(session: EditorSession) -> list[Action]:
         Action(
             "edit.rename",
             "Rename…",
-            lambda: session.requests.put(AskName(session.selection.ids[0])),
+            run_on_instances(session, lambda: session.requests.put(AskName(session.selection.ids[0]))),
             "Edit",
             ("F2",),
-            enabled=lambda: len(session.selection.ids) == 1,
+            enabled=lambda: not session.selection.is_empty and len(session.selection.ids) <= 1,
             icon="ICON_FA_PEN",
             undoable=True,
         ),
@@ -98,14 +98,19 @@ def _list_changes(session: EditorSession) -> list[Action]:
 
 def _list_visibility(session: EditorSession) -> list[Action]:
     """List what hides, shows and locks."""
+
+    def toggle_solo() -> None:
+        if session.selection.is_empty or session.selection.name_loose_splats():
+            session.visibility.solo.toggle(session.selection.ids or session.visibility.solo.ids)
+
     return [
         Action(
             "edit.hide",
             "Hide",
-            lambda: session.visibility.hide(session.selection.ids),
+            run_on_instances(session, lambda: session.visibility.hide(session.selection.ids)),
             "Edit",
             ("H",),
-            enabled=lambda: bool(session.selection.ids),
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_EYE_SLASH",
             undoable=True,
             separator=True,
@@ -113,10 +118,10 @@ def _list_visibility(session: EditorSession) -> list[Action]:
         Action(
             "edit.lock",
             "Lock",
-            lambda: session.visibility.lock(session.selection.ids),
+            run_on_instances(session, lambda: session.visibility.lock(session.selection.ids)),
             "Edit",
             ("Ctrl+L",),
-            enabled=lambda: bool(session.selection.ids),
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_LOCK",
             undoable=True,
         ),
@@ -133,10 +138,10 @@ def _list_visibility(session: EditorSession) -> list[Action]:
         Action(
             "edit.solo",
             "Show only the selection",
-            lambda: session.visibility.solo.toggle(session.selection.ids or session.visibility.solo.ids),
+            toggle_solo,
             "Edit",
             ("I",),
-            enabled=lambda: bool(session.selection.ids or session.visibility.solo.ids),
+            enabled=lambda: not session.selection.is_empty or bool(session.visibility.solo.ids),
             checked=lambda: bool(session.visibility.solo.ids),
             icon="ICON_FA_BULLSEYE",
             words=("crop", "isolate"),

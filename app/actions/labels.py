@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from instdrive_app.action import Action
-from instdrive_app.actions.conditions import is_editable, put_request
+from instdrive_app.actions.conditions import is_editable, put_request, run_on_instances
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import AskClass, AskReassign, AskSplit
 
@@ -17,6 +17,9 @@ def _list_instance_actions(session: EditorSession) -> list[Action]:
     def has_instances(count: int = 1) -> bool:
         return is_editable(session) and len(session.selection.ids) >= count
 
+    def has_splats() -> bool:
+        return is_editable(session) and not session.selection.is_empty
+
     def has_one_instance() -> bool:
         return is_editable(session) and len(session.selection.ids) == 1
 
@@ -24,10 +27,10 @@ def _list_instance_actions(session: EditorSession) -> list[Action]:
         Action(
             "labels.class",
             "Set class…",
-            lambda: session.requests.put(AskClass(session.selection.ids)),
+            run_on_instances(session, lambda: session.requests.put(AskClass(session.selection.ids))),
             "Labels",
             ("Ctrl+T",),
-            enabled=has_instances,
+            enabled=has_splats,
             icon="ICON_FA_TAG",
             undoable=True,
         ),

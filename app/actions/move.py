@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from instdrive_app.action import Action
-from instdrive_app.actions.conditions import is_editable, put_request
+from instdrive_app.actions.conditions import is_editable, put_request, run_on_instances
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.move_controller import MoveOptions
 from instdrive_app.session.requests import AskUp
@@ -23,13 +23,13 @@ def _list_moves(session: EditorSession) -> list[Action]:
     movement = session.movement
 
     def has_selection() -> bool:
-        return bool(session.selection.ids)
+        return not session.selection.is_empty
 
     return [
         Action(
             "move.duplicate",
             "Duplicate",
-            movement.duplicate,
+            run_on_instances(session, movement.duplicate),
             "Move",
             ("Ctrl+D",),
             enabled=has_selection,
@@ -39,7 +39,7 @@ def _list_moves(session: EditorSession) -> list[Action]:
         Action(
             "move.put_on_ground",
             "Put on the ground",
-            movement.put_on_ground,
+            run_on_instances(session, movement.put_on_ground),
             "Move",
             ("Ctrl+G",),
             enabled=has_selection,
@@ -51,7 +51,7 @@ def _list_moves(session: EditorSession) -> list[Action]:
             "Reset the move",
             movement.reset,
             "Move",
-            enabled=has_selection,
+            enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_ARROW_ROTATE_LEFT",
             undoable=True,
         ),
@@ -89,6 +89,17 @@ def _list_constraints(session: EditorSession) -> list[Action]:
             "Move",
             checked=lambda: movement.yaw_only,
             icon="ICON_FA_COMPASS",
+        ),
+        Action(
+            "move.body_only",
+            "Turn the body only, not its drive",
+            _toggle_option(movement.options, "body_only"),
+            "Move",
+            checked=lambda: movement.options.body_only,
+            enabled=lambda: movement.has_drive,
+            icon="ICON_FA_CAR_SIDE",
+            words=("rotate", "track", "path", "drive"),
+            needs="Select something that drives",
         ),
         Action(
             "move.along_lane",

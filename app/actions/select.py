@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from instdrive_app.action import Action
-from instdrive_app.actions.conditions import is_editable
+from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ShowPanel
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.select import InvertSelection, SelectAll, SelectClass
 
 
 def list_actions(session: EditorSession) -> list[Action]:
     """List the Select menu."""
-    return [*_list_sets(session), *_list_borders(session), *_list_kinds(session)]
+    return [*_list_sets(session), *_list_filters(session), *_list_borders(session), *_list_kinds(session)]
 
 
 def _list_sets(session: EditorSession) -> list[Action]:
@@ -45,6 +46,34 @@ def _list_sets(session: EditorSession) -> list[Action]:
             enabled=lambda: is_editable(session),
             icon="ICON_FA_CIRCLE_HALF_STROKE",
             words=("crop",),
+            undoable=True,
+        ),
+    ]
+
+
+def _list_filters(session: EditorSession) -> list[Action]:
+    return [
+        Action(
+            "select.by_value",
+            "Select by value…",
+            put_request(session, ShowPanel("Filter")),
+            "Select",
+            ("Ctrl+F",),
+            enabled=lambda: is_editable(session),
+            icon="ICON_FA_FILTER",
+            words=("histogram", "range", "opacity", "size", "distance", "colour", "color", "filter", "column"),
+            undoable=True,
+            separator=True,
+        ),
+        Action(
+            "select.floaters",
+            "Select floaters of the whole scene",
+            session.filter.select_floaters,
+            "Select",
+            ("Ctrl+Shift+F",),
+            enabled=lambda: is_editable(session),
+            icon="ICON_FA_WAND_MAGIC_SPARKLES",
+            words=("clean", "isolated", "thin", "faint", "needle", "outlier", "filter", "noise"),
             undoable=True,
         ),
     ]

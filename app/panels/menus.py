@@ -13,6 +13,8 @@ _NAMED = {
     "RightArrow": "right_arrow",
     "=": "equal",
     "-": "minus",
+    "[": "left_bracket",
+    "]": "right_bracket",
 }
 
 

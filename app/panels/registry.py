@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from instdrive_app.panels.filter import FilterPanel
 from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector.panel import InspectorPanel
 from instdrive_app.panels.instances.panel import InstancesPanel
@@ -47,5 +48,6 @@ PANELS = (
     PanelRecord("History", "ICON_FA_CLOCK_ROTATE_LEFT", "RightBottom", HistoryPanel),
     PanelRecord("Timeline", "ICON_FA_FILM", "Bottom", TimelinePanel),
     PanelRecord("Log", "ICON_FA_RECEIPT", "Bottom", LogPanel),
+    PanelRecord("Filter", "ICON_FA_FILTER", "RightBottom", FilterPanel, shown=False),
 )
 """The panels, in the order of their tabs."""

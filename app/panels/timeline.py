@@ -9,11 +9,15 @@ from instdrive_app.panels.widgets.ui import (
     draw_action_button,
     draw_bounded_slider,
     draw_dim_text,
+    fit_text,
     get_icon,
     scale_pixels,
     scale_size,
 )
 from instdrive_app.state import Reference
+
+SLIDER_WIDTH = 12
+"""Width, in font sizes, that slider and time need; where less is left of the line, they begin another."""
 
 
 class TimelinePanel:
@@ -32,6 +36,8 @@ class TimelinePanel:
         if timeline.camera_names:
             self._draw_cameras(ui)
             imgui.same_line()
+        if imgui.get_content_region_avail().x < SLIDER_WIDTH * imgui.get_font_size():
+            imgui.new_line()
         step, last = timeline.find_step(session.state.time), max(len(timeline.steps) - 1, 1)
         label = f"{session.state.time:.2f} s   {step + 1} / {len(timeline.steps)}"
         imgui.set_next_item_width(-imgui.calc_text_size(label).x - scale_pixels(12))
@@ -51,12 +57,12 @@ class TimelinePanel:
             draw_action_button(ui, session.actions[name], scale_size(30, 0))
             imgui.same_line()
         if state.dataset_view is None:
-            draw_dim_text("Choose a camera to compare the splats with its photos")
+            _draw_hint("Choose a camera to compare the splats with its photos")
         elif state.reference is Reference.NONE:
             known = session.document is not None and session.document.scene.views[state.dataset_view].photo
-            draw_dim_text("Compare with the photo or its masks" if known else "This scene comes without its photos")
+            _draw_hint("Compare with the photo or its masks" if known else "This scene comes without its photos")
         elif state.reference_beside:
-            draw_dim_text(f"{state.reference.value} beside the splats")
+            _draw_hint(f"{state.reference.value} beside the splats")
         else:
             imgui.set_next_item_width(imgui.get_font_size() * 12)
             form = f"{state.reference.value} %.0f %%"
@@ -70,7 +76,7 @@ class TimelinePanel:
         assert session.document is not None
         current = session.state.dataset_view
         name = session.document.scene.views[current].name if current is not None else "Free camera"
-        imgui.set_next_item_width(imgui.get_font_size() * 12)
+        imgui.set_next_item_width(min(imgui.get_font_size() * 12, imgui.get_content_region_avail().x))
         if imgui.begin_combo("##camera", f"{get_icon('ICON_FA_VIDEO')}  {name.replace('_', ' ')}"):
             for camera in session.navigation.timeline.camera_names:
                 if imgui.selectable(camera.replace("_", " "), current is not None and camera == name)[0]:
@@ -78,3 +84,11 @@ class TimelinePanel:
                 ui.mark(f"timeline.camera.{camera}")
             imgui.end_combo()
         ui.mark("timeline.camera")
+
+
+def _draw_hint(text: str) -> None:
+    """Draw dimmed text, cut where the panel is too narrow, and whole in its tooltip then."""
+    fitted = fit_text(text, imgui.get_content_region_avail().x)
+    draw_dim_text(fitted)
+    if fitted != text and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        imgui.set_tooltip(text)

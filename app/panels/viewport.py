@@ -12,7 +12,7 @@ from instdrive_app.panels.overlays.reference import draw_reference_beside, split
 from instdrive_app.panels.overlays.registry import ABOVE_HANDLES, BELOW_HANDLES, HANDLES
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Click, Point
-from instdrive_app.state import Viewpoint
+from instdrive_app.state import FrameSnapshot, Viewpoint
 
 PICTURE = "##picture"
 """ID of the picture as an ImGui item."""
@@ -176,6 +176,8 @@ class ViewportPanel:
             if snapshot is not None:
                 ui.tool.release(click, snapshot)
             ui.tool.cancel()
+        if ui.tool.outline and not self._tool_drags and snapshot is not None:
+            _close_outline(ui, click, snapshot)
         dragging = self._drags and any(imgui.is_mouse_down(button) for button in range(3))
         if snapshot is None or (ui.script_pointer is None and (not hovered or dragging)):
             ui.tool.leave()
@@ -198,6 +200,14 @@ class ViewportPanel:
         if imgui.begin_popup("##picture menu"):
             draw_instance_menu(ui, self._menu_instance)
             imgui.end_popup()
+
+
+def _close_outline(ui: Ui, click: Click, snapshot: FrameSnapshot) -> None:
+    """Close an outline that is set corner by corner at Enter, and give it up at Escape."""
+    if imgui.is_key_pressed(imgui.Key.escape, False):
+        ui.tool.cancel()
+    elif imgui.is_key_pressed(imgui.Key.enter, False) or imgui.is_key_pressed(imgui.Key.keypad_enter, False):
+        ui.tool.release(click, snapshot)
 
 
 def _fly(viewpoint: Viewpoint, seconds: float, fast: bool) -> Viewpoint:

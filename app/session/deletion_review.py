@@ -292,7 +292,7 @@ class DeletionReview:
                 summary = f"hole of {found.report.fill_area:.1f} m² where it stood" if is_move else found.report.summary
                 self._messages.info(f"{found.title}: {summary}")
 
-        self._jobs.submit_in_background("Reviewing the deletion", look, finish)
+        self._jobs.submit_in_background(f"Reviewing “{deletion.title}”", look, finish)
 
 
 def _read_subjects(stored: object, document: Document) -> list[_Subject] | None:

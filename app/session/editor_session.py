@@ -24,6 +24,7 @@ from instdrive_app.session.reference_pictures import ReferencePictures
 from instdrive_app.session.requests import OfferCleanup, RequestQueue, do_nothing
 from instdrive_app.session.selection_controller import SelectionController
 from instdrive_app.session.turn_controller import TurnController
+from instdrive_app.session.value_filter import ValueFilter
 from instdrive_app.session.view_memory import restore_view
 from instdrive_app.session.visibility_controller import VisibilityController
 from instdrive_app.state import EditorState
@@ -56,13 +57,14 @@ class EditorSession:
         self.references = ReferencePictures(self.messages.error, self.wake)
 
         self.selection = SelectionController(context)
+        self.filter = ValueFilter(context)
         self.visibility = VisibilityController(context)
         self.colors = ColorController(context)
         self.labels = LabelController(context)
         self.movement = MoveController(context)
         self.deletion = DeletionController(context)
-        self.insertion = InsertController(context, self.movement)
         self.orientation = TurnController(context, self.navigation, turned=self.deletion.review.clear_all)
+        self.insertion = InsertController(context, self.movement, self.orientation.ask_about_inserted)
         self._deferred_bounds = BoundsUpdater(context)
         self.is_quitting = False
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +18,10 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.insert import InsertScene
 from instdrive_core.edits.queries.placement import estimate_foot, find_ground_below, find_solid
 from instdrive_core.errors import EditError
-from instdrive_core.formats.registry import open_scene
+from instdrive_core.formats.registry import find_stated_up, open_scene
 from instdrive_core.instances.table import compute_middle_bounds
 from instdrive_core.scene.scene import Scene, place_in_world
+from instdrive_core.scene.up_estimate import UpEstimate, estimate_up
 
 NEAREST = 8.0
 """Metres from the camera to a small inserted object; larger ones stand farther away."""
@@ -32,9 +34,15 @@ EYE_HEIGHT = 1.6
 class InsertController:
     """Opens scenes in the background and inserts them into the open document."""
 
-    def __init__(self, context: SessionContext, movement: MoveController) -> None:
+    def __init__(
+        self,
+        context: SessionContext,
+        movement: MoveController,
+        ask_up: Callable[[UpEstimate, tuple[int, ...]], None],
+    ) -> None:
+        """`ask_up` gets, of each scene of another program, which way seems to be up, and the instances it became."""
         self._context, self._state, self._jobs = context, context.state, context.jobs
-        self._messages, self._movement = context.messages, movement
+        self._messages, self._movement, self._ask_up = context.messages, movement, ask_up
 
     def insert(self, path: Path, *others: Path) -> None:
         """Insert scene files or folders, one step each; they are selected, and the move tool is taken.
@@ -53,17 +61,19 @@ class InsertController:
             return
         path, others = paths[0], paths[1:]
 
-        def work() -> tuple[InsertScene, Spot]:
+        def work() -> tuple[InsertScene, Spot, UpEstimate | None]:
             source = (document.open_scene or open_scene)(path)
             spot = find_spot(document, source, viewpoint, time, edge)
-            return InsertScene.from_scene(source, str(path), spot.translation), spot
+            return InsertScene.from_scene(source, str(path), spot.translation), spot, estimate_foreign_up(source, path)
 
-        def finish(result: tuple[InsertScene, Spot]) -> None:
-            edit, spot = result
+        def finish(result: tuple[InsertScene, Spot, UpEstimate | None]) -> None:
+            edit, spot, estimate = result
             mode = "replace" if edge is None else "add"
             if self._context.document is document and self._movement.apply_and_select(edit, edit.added_instances, mode):
                 self._state.tool = "move"
                 self._messages.info(f"Inserted {path.name}{spot.note}")
+                if estimate is not None:
+                    self._ask_up(estimate, edit.added_ids)
                 self._insert_next(others, spot.edge)
 
         def handle_failure(_: BaseException) -> bool:
@@ -83,6 +93,13 @@ class Spot:
     """Where the moved scene ends: metres to the right of the camera's axis."""
     note: str
     """What the user should know about it."""
+
+
+def estimate_foreign_up(source: Scene, path: Path) -> UpEstimate | None:
+    """Estimate which way is up in a scene of another program; None for this program's own, which stand upright."""
+    if len(source.table) or source.views or source.start is not None:
+        return None
+    return estimate_up(source, find_stated_up(path))
 
 
 def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: float, edge: float | None = None) -> Spot:

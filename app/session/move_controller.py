@@ -31,6 +31,8 @@ from instdrive_core.scene.transforms import extract_scale
 
 COPY_GAP = 0.5
 """Metres between an object and its copy."""
+LEAST_DRIVE = 0.5
+"""Metres: what goes less far stands, but for errors of its boxes."""
 Ids = tuple[int, ...]
 
 
@@ -42,6 +44,8 @@ class MoveOptions:
     along_lane: bool = False
     yaw_only: bool | None = None
     """None: vehicles and actors turn about the vertical only."""
+    body_only: bool = True
+    """Whether what drives turns on its path; otherwise its whole drive turns."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,24 @@ class MoveController:
                 self._lane = (key, None)
         return self._lane[1]
 
+    @property
+    def has_drive(self) -> bool:
+        """Whether anything that is selected drives."""
+        return bool(self.find_paths())
+
+    def find_paths(self) -> tuple[Float64[ndarray, "t 3"], ...]:
+        """Find the paths along which selected things drive: the middles of the lower sides of their boxes, metres."""
+        document = self._context.document
+        if document is None:
+            return ()
+        nodes = sorted({document.scene.table[number].node for number in self.ids} - {0})
+        tracks = [document.scene.actors[node - 1] for node in nodes]
+        return tuple(
+            track.world_from_box[:, :3, 3] - track.world_from_box[:, :3, 2] * track.dimensions[2] / 2
+            for track in tracks
+            if track.compute_path_length() > LEAST_DRIVE
+        )
+
     def find_placement(self) -> Placement:
         """Find the present placement of the selection, which must not be empty."""
         document, time = self._document, self._state.time
@@ -145,6 +167,7 @@ class MoveController:
                 before.position,
                 self._state.time,
                 on_ground=self.options.on_ground and wanted.position[2] == before.position[2],
+                body_only=self.options.body_only,
             ),
             gesture,
         )
@@ -216,6 +239,7 @@ class MoveController:
                 yaw_only=self.yaw_only,
                 along_lane=self.options.along_lane and lane is None,  # then the edit reports that no lane is known
                 on_ground=self.options.on_ground,
+                body_only=self.options.body_only,
             )
             drag.document.apply(edit, drag.gesture)
         except EditError as error:

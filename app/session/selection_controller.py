@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.selection_border import SelectionBorder
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.reassign import ReassignSelected
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectClass, SelectCodeword, SelectInstances, SelectMode, SelectNone
 from instdrive_core.scene.selection import Flag
 
+LOOSE_NAME = "Selection"
+"""What instances made from selected splats are called, with a number."""
 Ids = tuple[int, ...]
 
 
@@ -52,6 +57,24 @@ class SelectionController:
         if document is not None:
             codeword = document.scene.table[instance].codeword
             self._context.apply(lambda: SelectCodeword(codeword))
+
+    def name_loose_splats(self) -> bool:
+        """Make selected splats that belong to no instance one of their own, *Selection 1* and so on.
+
+        Returns whether instances are selected then; what prevents it is told.
+        """
+        document = self._context.document
+        if document is None or self.is_empty:
+            return False
+        if self.ids:
+            return True
+
+        def name() -> CompoundEdit:
+            number = 1 + sum(instance.name.startswith(f"{LOOSE_NAME} ") for instance in document.scene.table)
+            title = f"{LOOSE_NAME} {number}"
+            return CompoundEdit((ReassignSelected(None), RenameInstance(document.first_free_id, title)), title)
+
+        return self._context.apply(name)
 
     def clear(self) -> None:
         """Select nothing."""

@@ -14,11 +14,20 @@ from instdrive_app.session.navigation import Navigation
 from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.frozen_copy import freeze_document
+from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.queries.scene_up import estimate_document_up
+from instdrive_core.errors import EditError
+from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.scene.transforms import compose_transforms, invert_transform
 from instdrive_core.scene.up_estimate import UpEstimate
-from instdrive_core.scene.upright import UP, Axis, compute_axis_direction, find_nearest_axis
+from instdrive_core.scene.upright import (
+    UP,
+    Axis,
+    compute_axis_direction,
+    compute_upright_rotation,
+    find_nearest_axis,
+)
 
 VIEW_SNAP = 10.0
 """Degrees from an axis within which the view's up means the axis: nobody can tilt the view more exactly."""
@@ -31,6 +40,8 @@ class TurnOffer:
     estimate: UpEstimate
     is_answered: bool = False
     """Whether the scene was turned since."""
+    ids: tuple[int, ...] = ()
+    """The inserted instances that it is about; empty for the whole scene."""
 
 
 class TurnController:
@@ -47,6 +58,7 @@ class TurnController:
         """Which way is up in the open scene as it lies now; None while that is being estimated."""
         self.offer: TurnOffer | None = None
         """The question that waits for the user; None where there is none."""
+        self._next_offers: list[TurnOffer] = []
 
     def enter(self, document: Document, stated: Axis | None) -> None:
         """Follow another document, whose file format states that this axis is up.
@@ -54,6 +66,7 @@ class TurnController:
         Where it comes from another program and seems to lie on its side, the user is told how to turn it upright.
         """
         self._seen, self._stated, self.offer = (document, document.orientation), stated, None
+        self._next_offers.clear()
         if (
             not len(document.scene.table)
             and not document.scene.views
@@ -104,25 +117,53 @@ class TurnController:
 
         self._jobs.submit("Turning the scene", lambda: edit.prepare(frozen), finish)
 
+    def ask_about_inserted(self, estimate: UpEstimate, ids: tuple[int, ...]) -> None:
+        """Ask which way is up in an inserted scene, which became these instances, unless it stands upright."""
+        if _is_doubtful(estimate):
+            offer = TurnOffer(estimate, ids=ids)
+            if self.offer is not None and self.offer.ids and not self.offer.is_answered:
+                self._next_offers.append(offer)
+            else:
+                self.offer = offer
+
     def accept_offer(self) -> None:
-        """Turn the scene so that what the estimate says is up points up."""
+        """Turn what is asked about so that what the estimate says is up points up."""
         if self.offer is not None:
-            self.turn(self.offer.estimate.direction)
-            self.offer = replace(self.offer, is_answered=True)
+            self._turn_offered(self.offer.estimate.direction)
 
     def flip(self) -> None:
-        """Turn the scene upside down."""
-        self.turn(-compute_axis_direction(UP))
-        if self.offer is not None:
-            self.offer = replace(self.offer, is_answered=True)
+        """Turn what is asked about upside down."""
+        self._turn_offered(-compute_axis_direction(UP))
+
+    def _turn_offered(self, up: Float64[ndarray, "3"]) -> None:
+        document, offer = self._context.document, self.offer
+        if document is not None and offer is not None and offer.ids:
+            w, x, y, z = quaternion_from_matrix(compute_upright_rotation(up)).tolist()
+            edit = MoveInstances(offer.ids, rotation=(w, x, y, z), time=self._state.time, on_ground=True)
+            try:
+                edit.compute_matrix(document)
+            except EditError:  # no ground is known there
+                edit.on_ground = False
+            if not self._context.apply(edit):
+                return
+        else:
+            self.turn(up)
+        if offer is not None:
+            self.offer = replace(offer, is_answered=True)
 
     def dismiss_offer(self) -> None:
-        """Ask no longer."""
-        self.offer = None
+        """Ask no longer; of the next inserted scene where several were inserted."""
+        self.offer = self._next_offers.pop(0) if self._next_offers else None
 
     def tick(self) -> None:
         """Take the view along where an edit, undo or redo has turned the scene; called once a frame."""
         document, (seen, before) = self._context.document, self._seen
+        if (
+            document is not None
+            and self.offer is not None
+            and any(i not in document.scene.table for i in self.offer.ids)
+        ):
+            self.dismiss_offer()  # the insertion was undone
         if document is None or document is not seen or document.orientation is before:
             return
         self._seen = (document, document.orientation)
@@ -130,10 +171,16 @@ class TurnController:
         self._turned()
 
     def _tell(self, found: UpEstimate) -> None:
-        if not found.confident or found.axis != UP or found.tilt:
-            self.offer = TurnOffer(found)
-        if found.confident and (found.axis != UP or found.tilt):
+        if not _is_doubtful(found):
+            return
+        self.offer = TurnOffer(found)
+        if found.confident:
             self._messages.info(
                 f"This scene seems to lie on its side: {found.words} is up, judging by {found.reason}. "
                 "Move › Turn upright… turns it"
             )
+
+
+def _is_doubtful(estimate: UpEstimate) -> bool:
+    """Whether the user should be asked: nothing says what is up, or something else than z is."""
+    return not estimate.confident or estimate.axis != UP or estimate.tilt > 0

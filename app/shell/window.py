@@ -52,6 +52,9 @@ class EditorWindow:
         self._wants_screenshot = False
         self._dialogs = DialogHost(DIALOGS)
         self._status, self._title = StatusBar(), ""
+        self._read_names: tuple[int, object] | None = None
+        """Document and version of the table whose names were looked through."""
+        self._told_letters: set[str] = set()
         register_actions(session, list_panel_actions)
 
     @property
@@ -184,8 +187,25 @@ class EditorWindow:
 
     def _before_panels(self) -> None:
         self._session.tick(imgui.get_io().delta_time)
+        self._tell_missing_letters()
         self._show_title()
         run_shortcuts(self.ui)
+
+    def _tell_missing_letters(self) -> None:
+        """Say, once for each, which characters of the open scene's names are shown as boxes."""
+        document = self._session.document
+        if document is None or self._read_names == (id(document), document.versions.table):
+            return
+        self._read_names = (id(document), document.versions.table)
+        words = {word for instance in document.scene.table for word in (instance.name, instance.class_name)}
+        foreign = "".join(sorted(word for word in words if not word.isascii()))
+        missing = self.ui.fonts.find_missing("".join(letter for letter in foreign if letter not in self._told_letters))
+        if missing:
+            self._told_letters |= {*missing}
+            self._session.messages.info(
+                f"No font of this computer has {len(missing)} characters of the names ({missing[:6]}), which are shown "
+                "as boxes. Install a font that has them, such as Noto Sans CJK, and start the editor again"
+            )
 
     def _show_title(self) -> None:
         """Show the open file, and a dot where it is unsaved, in the desktop's list of windows."""

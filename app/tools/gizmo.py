@@ -9,7 +9,7 @@ from instdrive_app.tools.pick import PickTool
 
 OPTIONS: dict[Operation, tuple[str, ...]] = {
     "move": ("move.on_ground", "move.along_lane"),
-    "rotate": ("move.yaw_only", "move.on_ground"),
+    "rotate": ("move.yaw_only", "move.body_only", "move.on_ground"),
     "scale": ("move.on_ground",),
 }
 """IDs of the actions that constrain each operation."""

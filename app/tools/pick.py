@@ -23,6 +23,8 @@ class PickTool:
     drags: bool = False
     options: tuple[str, ...] = ()
     outline: tuple[Point, ...] = ()
+    trail: tuple[Point, ...] = ()
+    ring: float = 0.0
     operation: Operation | None = None
 
     def __init__(self, session: EditorSession, picker: Picker | None = None) -> None:

@@ -31,12 +31,18 @@ class RegionTool(ABC):
 
     drags: bool = True
     operation: Operation | None = None
+    trail: tuple[Point, ...] = ()
     options: tuple[str, ...] = ("tool.whole_instances", "tool.single_splats", "tool.visible_only")
 
     def __init__(self, session: EditorSession, winners: WinnerReader, picker: Picker | None = None) -> None:
         self._session, self._winners = session, winners
         self._pick = PickTool(session, picker)
         self.outline: tuple[Point, ...] = ()
+
+    @property
+    def ring(self) -> float:
+        """No ring."""
+        return 0.0
 
     @abstractmethod
     def drag(self, start: Point, to: Point) -> None:

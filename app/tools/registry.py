@@ -8,11 +8,16 @@ from dataclasses import dataclass
 from instdrive_app.pointer import Operation, Tool
 from instdrive_app.render.picking import Picker
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.tools.alike import AlikeTool
+from instdrive_app.tools.brush import BrushTool
 from instdrive_app.tools.gizmo import GizmoTool
 from instdrive_app.tools.lasso import LassoTool
 from instdrive_app.tools.pick import PickTool
+from instdrive_app.tools.polygon import PolygonTool
 from instdrive_app.tools.rectangle import RectangleTool
 from instdrive_app.tools.region import WinnerReader
+from instdrive_app.tools.sphere import SphereTool
+from instdrive_core.edits.queries.spreading import find_alike_rows, find_flooded_rows
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,41 @@ TOOLS = (
         "ICON_FA_SIGNATURE",
         "L",
         lambda parts: LassoTool(parts.session, parts.winners, parts.picker),
+    ),
+    ToolRecord(
+        "polygon",
+        "Select by polygon",
+        "ICON_FA_DRAW_POLYGON",
+        "N",
+        lambda parts: PolygonTool(parts.session, parts.winners, parts.picker),
+    ),
+    ToolRecord(
+        "brush",
+        "Select by brush",
+        "ICON_FA_PAINTBRUSH",
+        "X",
+        lambda parts: BrushTool(parts.session, parts.winners, parts.picker),
+    ),
+    ToolRecord(
+        "sphere",
+        "Select by sphere",
+        "ICON_FA_GLOBE",
+        "J",
+        lambda parts: SphereTool(parts.session, parts.winners, parts.picker),
+    ),
+    ToolRecord(
+        "flood",
+        "Select what hangs together",
+        "ICON_FA_FILL_DRIP",
+        "U",
+        lambda parts: AlikeTool(parts.session, parts.winners, parts.picker, find_flooded_rows),
+    ),
+    ToolRecord(
+        "eyedropper",
+        "Select by colour",
+        "ICON_FA_EYE_DROPPER",
+        "O",
+        lambda parts: AlikeTool(parts.session, parts.winners, parts.picker, find_alike_rows),
     ),
     ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", _make_handles_tool("move"), starts_group=True),
     ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", _make_handles_tool("rotate")),

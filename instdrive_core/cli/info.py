@@ -17,6 +17,7 @@ from instdrive_core.files.atomic import open_atomically
 from instdrive_core.project.open import open_edited_scene
 from instdrive_core.scene.lint import Defect, find_defects
 from instdrive_core.scene.scene import Scene
+from instdrive_core.wording import format_count
 
 SHOWN_ROWS = 3
 """Splats named per finding."""
@@ -103,6 +104,9 @@ def _list_facts(scene: Scene) -> list[tuple[str, str]]:
     if scene.actors:
         moving = np.count_nonzero(scene.nodes)
         facts.append(("actors", f"{len(scene.actors)} moving objects of {moving:,} splats"))
+    if scene.seen_movers:
+        cameras = ", ".join(sorted({mover.camera for mover in scene.seen_movers}))
+        facts.append(("seen moving", f"{format_count(len(scene.seen_movers), 'thing')}, not rebuilt ({cameras})"))
     if scene.views:
         cameras = ", ".join(sorted({view.name for view in scene.views}))
         times = [view.time for view in scene.views]

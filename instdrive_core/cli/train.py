@@ -11,7 +11,14 @@ from tyro.conf import Positional, arg
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.training.settings.clip_size import AskedSizes
-from instdrive_core.training.settings.config import Device, Method, Preset, build_train_config, keep_geometry
+from instdrive_core.training.settings.config import (
+    Device,
+    Method,
+    PieceChoice,
+    Preset,
+    build_train_config,
+    keep_geometry,
+)
 
 
 def train(
@@ -29,6 +36,7 @@ def train(
     device: Device = "auto",
     iterations: int | None = None,
     max_gaussians: int | None = None,
+    pieces: PieceChoice = "auto",
     options: Annotated[ClipOptions, tyro.conf.OmitArgPrefixes] = ClipOptions(),  # noqa: B008 (frozen)
 ) -> None:
     """Train a driving clip into Gaussians with instance IDs.
@@ -51,6 +59,8 @@ def train(
         iterations: Steps that train colour and shape; default: the preset's, `quick` as many more as a clip has more
             photos than 162.
         max_gaussians: Gaussians that may grow; default: the preset's, `quick` more for a longer way and larger photos.
+        pieces: Pieces that a drive is cut into along the road, trained in turn and joined; `auto`: one, but several for
+            drives of more than 150 m or 648 training photos. Other settings are those of each piece.
         options: Which part of the clip to use.
     """
     from instdrive_core.baselines.registry import find_learner
@@ -75,6 +85,7 @@ def train(
             find_learner(method, preset),
             AskedSizes(iterations, max_gaussians),
             tracks,
+            pieces,
         )
     )
     print(f"trained scene: {out} (open it with: instdrive edit {out})")

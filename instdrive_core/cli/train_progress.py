@@ -7,7 +7,8 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from instdrive_core.training.run import RunRequest, run_training
+from instdrive_core.training.pieces.drive import run_drive
+from instdrive_core.training.run import RunRequest
 from instdrive_core.training.settings.events import Event, StageStarted, StepDone
 
 _TITLES = {"rgb": "colour", "instances": "instances"}
@@ -78,7 +79,7 @@ class TrainProgress:
 def train_with_progress(request: RunRequest) -> None:
     """Run a training with the bar on the terminal."""
     with TrainProgress() as progress:
-        run_training(request, progress.on_event, progress.on_note)
+        run_drive(request, progress.on_event, progress.on_note)
 
 
 def _smooth(before: float | None, value: float) -> float:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8, UInt32
@@ -28,7 +28,7 @@ class Frame:
     load_image: Callable[[], UInt8[ndarray, "h w 3"]]
     """Reads the photo at the clip's image scale, RGB."""
     valid: Bool[ndarray, "h w"] | None = None
-    """False on the ego vehicle; None = all valid."""
+    """False on the ego vehicle, and on what moves where nothing is known of its way; None = all valid."""
 
     @property
     def key(self) -> str:
@@ -119,6 +119,17 @@ class Clip:
     def training_sweeps(self) -> tuple[Sweep, ...]:
         """Sweeps that may train."""
         return tuple(sweep for sweep in self.sweeps if not is_held_out(sweep.index))
+
+    def with_cameras(self, views: Sequence[CameraView]) -> Clip:
+        """Copy the clip with the poses of these views, e.g. those that training corrected; the others stay."""
+        poses = {(view.name, view.index): view.camera.world_from_camera for view in views}
+        return replace(self, frames=tuple(_place_frame(frame, poses) for frame in self.frames))
+
+
+def _place_frame(frame: Frame, poses: Mapping[tuple[str, int], Float64[ndarray, "4 4"]]) -> Frame:
+    view = frame.view
+    pose = poses.get((view.name, view.index), view.camera.world_from_camera)
+    return replace(frame, view=replace(view, camera=replace(view.camera, world_from_camera=pose)))
 
 
 @dataclass(frozen=True)

@@ -120,11 +120,13 @@ def evaluate_scene(
 ) -> Evaluation:
     """Measure a scene on a clip's held-out views and sweeps; `facts` as in `read_run_facts`.
 
+    Held-out photos are drawn with the scene's own cameras: training corrects calibrations, and never looks at them.
     Boxes and labels are the clip's own, whatever tracks and masks trained the run.
 
     Without `with_reference` what true IDs reach is None: they cost half of the time, and depend on the
     geometry alone.
     """
+    clip = clip.with_cameras(scene.views)
     views = _measure_held_out_views(scene, clip, ground_truth, progress)
     has_truth = ground_truth.source != NOT_KNOWN
     measure = prepare_id_measure(scene, views, clip, ground_truth, progress)

@@ -18,6 +18,7 @@ from instdrive_core.maths.rotations import (
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.seen_moving import SeenMover
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
 
@@ -51,6 +52,8 @@ class Scene:
     """Whether it was trained so that a splat fades as the low-pass filter of pictures widens it (Mip-Splatting, Yu et
     al. 2024). Drawn otherwise, small splats come out too opaque."""
 
+    seen_movers: tuple[SeenMover, ...] = ()
+    """What its photos show moving and it does not hold."""
     start: Camera | None = None
     """Where the user looked from when it was exported; a .ply keeps it, with the sky."""
 

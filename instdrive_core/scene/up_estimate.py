@@ -40,6 +40,10 @@ _BESIDE = 2
 _SURE, _SURER_THAN_OTHERS = 0.11, 2.0
 """How much the ground must look like one, and how many times as much as anything else does. Streets have 0.14 to 0.24,
 a thing on a table 0.12, a guitar's front 0.10."""
+_OPAQUE = 0.5
+"""Opacity above which a splat belongs to a thing: what hangs below a street, unseen by photos, is fainter."""
+_STANDING = 1.0
+"""Height over the ground, in median distances from the middle, within which things say which side they stand on."""
 _CUSTOM: Axis = "-y"
 """Up in files of most other programs, whose axes are those of a photo's camera: right, down, forward."""
 
@@ -82,6 +86,18 @@ class _Surfaces:
     """Relative; they sum to 1."""
     flat_areas: Float64[ndarray, " n"]
     """Areas times flatness, of the same total."""
+    solid_areas: Float64[ndarray, " n"]
+    """Areas of what is opaque and no larger than most, 0 elsewhere: things, but no haze."""
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """A plane that may be the ground."""
+
+    score: float
+    """How much it looks like one, 0 … 1."""
+    up: Float64[ndarray, "3"]
+    """Unit normal on the side where things stand."""
 
 
 def estimate_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
@@ -93,9 +109,9 @@ def estimate_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
     cameras = _estimate_up_from_cameras(scene.views)
     if cameras is not None:
         return UpEstimate(_snap_direction(cameras), True, "the photos' cameras")
-    ground = estimate_up_from_splats(scene.gaussians, np.flatnonzero(scene.nodes == 0))
+    ground = _find_ground(scene.gaussians, np.flatnonzero(scene.nodes == 0))
     if ground is not None:
-        return UpEstimate(_snap_direction(ground), True, "the ground")
+        return UpEstimate(_snap_direction(ground.up), True, "the ground")
     if stated is not None:
         return UpEstimate(compute_axis_direction(stated), True, "the file's format")
     return UpEstimate(compute_axis_direction(UP if len(scene.table) else _CUSTOM), False, "custom")
@@ -103,15 +119,21 @@ def estimate_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
 
 def estimate_up_from_splats(gaussians: Gaussians, rows: Int64[ndarray, " k"]) -> Float64[ndarray, "3"] | None:
     """Estimate the upward unit normal of the ground that these rows make; None where no plane is clearly the ground."""
+    ground = _find_ground(gaussians, rows)
+    return None if ground is None else ground.up
+
+
+def _find_ground(gaussians: Gaussians, rows: Int64[ndarray, " k"]) -> _Ground | None:
+    """Find the plane that is clearly the ground; None where none is."""
     surfaces = _collect_surfaces(gaussians.select(rows[:: 1 + len(rows) // LOOKED_AT]))
     if surfaces is None:
         return None
     found = sorted(
-        (_rate_ground(surfaces, normal) for normal in _find_plane_normals(surfaces)), key=lambda pair: -pair[0]
+        (_rate_ground(surfaces, normal) for normal in _find_plane_normals(surfaces)), key=lambda each: -each.score
     )
-    (score, up), others = found[0], found[1:]
-    apart = [other for other, normal in others if abs(normal @ up) < _APART]
-    return up if score >= _SURE and score >= _SURER_THAN_OTHERS * max(apart, default=0.0) else None
+    best, others = found[0], found[1:]
+    apart = [other.score for other in others if abs(other.up @ best.up) < _APART]
+    return best if best.score >= _SURE and best.score >= _SURER_THAN_OTHERS * max(apart, default=0.0) else None
 
 
 def _estimate_up_from_cameras(views: Sequence[CameraView]) -> Float64[ndarray, "3"] | None:
@@ -155,7 +177,8 @@ def _collect_surfaces(part: Gaussians) -> _Surfaces | None:
     flat = areas * (1 - thin / np.maximum(middle, 1e-30)) ** 2
     if not flat.sum() > 0:
         return None
-    return _Surfaces(means, normals, areas / areas.sum(), flat / flat.sum())
+    solid = areas * (part.opacities > _OPAQUE) * (areas <= np.quantile(areas, 0.9))
+    return _Surfaces(means, normals, areas / areas.sum(), flat / flat.sum(), solid / areas.sum())
 
 
 def _compute_middle(means: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
@@ -194,21 +217,27 @@ def _refine_normal(surfaces: _Surfaces, direction: Float64[ndarray, "3"], rounds
     return direction
 
 
-def _rate_ground(surfaces: _Surfaces, normal: Float64[ndarray, "3"]) -> tuple[float, Float64[ndarray, "3"]]:
-    """How much a plane near this normal looks like the ground (0 … 1), and its unit normal away from it.
+def _rate_ground(surfaces: _Surfaces, normal: Float64[ndarray, "3"]) -> _Ground:
+    """Rate how much a plane near this normal looks like the ground, and find the side on which things stand.
 
-    It is the share of the densest layer, less where there is as much below it as above, or where it is narrow.
+    The score is the share of the densest layer, less where there is as much below it as above, or where it is narrow.
     """
     for _ in range(4):
         layer, lying, densest = _find_densest_layer(surfaces, normal)
         normal = _fit_normal(surfaces, lying * (np.abs(layer - densest) <= _BESIDE), normal)
     layer, lying, densest = _find_densest_layer(surfaces, normal)
     ground = lying * (np.abs(layer - densest) <= _BESIDE)
-    below = float(surfaces.areas[layer < densest - _BESIDE].sum())
-    above = float(surfaces.areas[layer > densest + _BESIDE].sum())
-    one_sided = abs(above - below) / max(above + below, 1e-30)
-    score = float(ground.sum()) * one_sided * min(1.0, _measure_breadth(surfaces, ground, normal))
-    return score, normal if above >= below else -normal
+    side = _compare_sides(surfaces.areas, layer - densest)
+    near = np.abs(layer - densest) <= _STANDING / _LAYER
+    solid = _compare_sides(surfaces.solid_areas * near, layer - densest)
+    score = float(ground.sum()) * abs(side) * min(1.0, _measure_breadth(surfaces, ground, normal))
+    return _Ground(score, normal if (solid or side) >= 0 else -normal)
+
+
+def _compare_sides(areas: Float64[ndarray, " n"], layers: Int64[ndarray, " n"]) -> float:
+    """The difference of what is above and below layer 0, as a share of both: 1 where all is above, -1 where below."""
+    below, above = float(areas[layers < -_BESIDE].sum()), float(areas[layers > _BESIDE].sum())
+    return (above - below) / max(above + below, 1e-30)
 
 
 def _measure_breadth(surfaces: _Surfaces, ground: Float64[ndarray, " n"], normal: Float64[ndarray, "3"]) -> float:

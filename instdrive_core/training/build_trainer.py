@@ -13,6 +13,7 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.maths.streams import Stream, make_generator
+from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.training.backends.backend import Backend
@@ -62,7 +63,9 @@ def build_trainer_from_scene(
         else make_uniform_sky(compute_mean_sky_color(store), config.geometry.sky_resolution)
     )
     model = build_model(gaussians, scene.nodes, scene.actors, sky, store.times)
-    return Trainer(model, store, config, compute_scene_radius(store), backend)
+    trainer = Trainer(model, store, config, compute_scene_radius(store), backend)
+    trainer.cameras.start_from(move_views(scene, clip.origin))
+    return trainer
 
 
 def resume_trainer(
@@ -99,6 +102,16 @@ def move_to_origin(scene: Scene, origin: Float64[ndarray, "3"]) -> Gaussians:
     shift = (scene.origin - origin).astype(np.float32)
     gaussians.means[scene.nodes == 0] += shift
     return gaussians
+
+
+def move_views(scene: Scene, origin: Float64[ndarray, "3"]) -> tuple[CameraView, ...]:
+    """Copy the scene's views, moved to another origin."""
+    shift = np.eye(4)
+    shift[:3, 3] = scene.origin - origin
+    return tuple(
+        replace(view, camera=replace(view.camera, world_from_camera=shift @ view.camera.world_from_camera))
+        for view in scene.views
+    )
 
 
 def is_any_visible(means: Float32[ndarray, "n 3"], store: ViewStore) -> bool:

@@ -25,8 +25,9 @@ from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.settings.events import Stage
 from instdrive_core.training.trainer import Trainer
 
-VERSION = 2
-_PARAMETER, _SHARED, _OPTIMIZER, _GROWTH, _TRACK = "parameter.", "shared.", "adam.", "growth.", "track."
+VERSION = 3
+_PARAMETER, _SHARED, _OPTIMIZER, _GROWTH = "parameter.", "shared.", "adam.", "growth."
+_CAMERA, _TRACK = "camera.", "track."
 _NODES = "nodes"
 
 
@@ -63,6 +64,7 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
         _SHARED: trainer.model.shared,
         _OPTIMIZER: trainer.optimizers.state_tensors(),
         _GROWTH: trainer.growth.state_tensors(),
+        _CAMERA: trainer.cameras.state_tensors(),
         _TRACK: _track_tensors(trainer.model.actor_poses.tracks),
     }
     tensors = {_NODES: torch.from_numpy(trainer.model.nodes.astype(np.int32))}
@@ -115,6 +117,7 @@ def restore_trainer(trainer: Trainer, checkpoint: Checkpoint) -> None:
     trainer.seconds_before = checkpoint.seconds
     trainer.optimizers.load_state_tensors(checkpoint.group(_OPTIMIZER))
     trainer.growth.load_state_tensors(checkpoint.group(_GROWTH))
+    trainer.cameras.load_state_tensors(checkpoint.group(_CAMERA))
 
 
 def _track_facts(track: Track) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from instdrive_core.masks.photo_fit import describe_misfit
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.choice import TrackSource, with_tracks
+from instdrive_core.tracks.photos.setting_apart import set_movers_apart
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.device import choose_backend
 from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene, resume_trainer
@@ -37,7 +38,7 @@ from instdrive_core.training.instances.voted_instances import vote_instances
 from instdrive_core.training.memory_check import check_training_memory, measure_peak_memory
 from instdrive_core.training.run_log import RunLog
 from instdrive_core.training.settings.clip_size import AskedSizes, fit_to_clip, measure_way
-from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, TrainConfig
+from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, PieceChoice, TrainConfig, keep_cameras
 from instdrive_core.training.settings.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.view_store import ViewStore, open_view_store
@@ -68,6 +69,19 @@ class RunRequest:
     """Stretch `config` to the clip, but for what is asked for here; None = train `config` as it is."""
     tracks: TrackSource | None = None
     """Where moving objects are taken from; None = cuboids where the clip has some, else found in its sweeps."""
+    pieces: PieceChoice = 1
+    """Pieces that a drive is cut into along the road, see `pieces.drive`; `run_training` itself trains one."""
+
+
+@dataclass(frozen=True)
+class OpenedClip:
+    """A clip that somebody opened already, or a part of one."""
+
+    clip: Clip
+    tracks: tuple[Track, ...] | None = None
+    """Moving objects that were chosen for it; None = as the request says."""
+    notes: tuple[str, ...] = ()
+    """Notes that the user was told while it was opened."""
 
 
 @dataclass(frozen=True)
@@ -82,28 +96,41 @@ class _Notes:
         self.on_note(note)
 
 
-def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note: Callable[[str], None]) -> Path:
+def run_training(
+    request: RunRequest,
+    on_event: Callable[[Event], None],
+    on_note: Callable[[str], None],
+    opened: OpenedClip | None = None,
+) -> Path:
     """Train a clip into `request.out` and return it.
+
+    `opened` is the clip of the request, or the part of it that is to be trained; None = it is opened here.
 
     Raises OptionError where the folder already holds a run and `resume` is off, DataError for clips that cannot
     train, TrainingDivergedError where a loss is no longer finite, OptionError for a device that is not there, or where
     memory is too small for the clip's photos.
     """
-    out, notes = request.out, _Notes(on_note)
+    out, notes = request.out, _Notes(on_note, [] if opened is None else list(opened.notes))
     torch.set_num_threads(1)  # the work is in our kernels' threads; torch's would wait for theirs and take their cores
-    _check_output(request)
+    check_run_output(request)
     backend = choose_backend(request.device)
     out.mkdir(parents=True, exist_ok=True)
-    notes.add(f"reading {request.clip}")
-    clip = load_clip(str(request.clip), request.options)
+    if opened is None:
+        notes.add(f"reading {request.clip}")
+    clip = load_clip(str(request.clip), request.options) if opened is None else opened.clip
     if not clip.training_frames:
         raise DataError(request.clip, "no photo of a training time step was found", "Check cameras and frame range.")
     if request.sizes is not None:
         request = replace(request, config=fit_to_clip(request.config, clip, request.sizes))
         notes.add(_describe_sizes(request.config, clip))
+    if not clip.training_sweeps:
+        request = replace(request, config=keep_cameras(request.config))
     check_training_memory(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
-    clip = with_tracks(clip, request.tracks, out, notes.add)
+    if opened is None or opened.tracks is None:
+        clip = with_tracks(clip, request.tracks, out, notes.add)
+    else:
+        clip = replace(clip, tracks=opened.tracks)
     notes.add(
         f"{len(clip.training_frames)} training photos, {len(clip.held_out_frames)} held out; "
         + (f"masks: {masks.source}" if masks else "no masks: training RGB only")
@@ -111,20 +138,21 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     for note in (*clip.notes, *_describe_faults(clip, masks)):
         notes.add(note)
     _note_what_is_missing(clip, request.config, notes.add)
+    clip, movers = set_movers_apart(clip, masks, request.tracks, notes.add)
     with open_view_store(clip, masks) as store:
         compile_kernels(notes.add)
         trainer = _build_trainer(request, clip, store, backend, notes.add)
         if request.init is None:
             _note_movers_without_node(clip, request.config, trainer.model.actor_poses.tracks, notes.add)
-        _write_json(out / CONFIG, _config_facts(request, masks))
+        write_run_facts(out / CONFIG, collect_config(request, masks.source if masks else None))
         _train(trainer, out, on_event)
         learned = _learn_instances(request, clip, trainer, notes.add) if trainer.has_masks else None
         notes.add("naming instances and writing the scene")
-        scene = export_trained_scene(trainer.model, clip, request.config, learned, _export_exposures(trainer))
-    write_scene_folder(out, scene)
-    _write_json(
-        out / FACTS, _collect_facts(request, masks, trainer, backend.name, len(scene.table)) | {"notes": notes.told}
-    )
+        exposures = _export_exposures(trainer)
+        scene = export_trained_scene(trainer.model, clip, request.config, learned, exposures, trainer.cameras)
+    write_scene_folder(out, replace(scene, seen_movers=movers))
+    facts = _collect_facts(request, masks, trainer, backend.name, len(scene.table))
+    write_run_facts(out / FACTS, facts | {"seen_moving": len(movers), "notes": notes.told})
     return out
 
 
@@ -173,7 +201,9 @@ def _describe_faults(clip: Clip, masks: MaskFolder | None) -> list[str]:
 
 
 def _note_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:
-    if not clip.tracks:
+    if not clip.tracks and not clip.training_sweeps:
+        on_note("no cuboids and no LiDAR: a static scene")
+    elif not clip.tracks:
         on_note("no cuboids and no found tracks: a static scene, moving objects will blur")
     elif not config.init.moving_actors:
         on_note("static-only: moving objects stay in the background and will blur")
@@ -199,7 +229,12 @@ def _note_movers_without_node(
     on_note(f"{len(missing)} of {moving} moving objects will blur, {reason}: {names}{more}")
 
 
-def _check_output(request: RunRequest) -> None:
+def check_run_output(request: RunRequest) -> None:
+    """Check that a request fits its folder, and its options each other.
+
+    Raises OptionError where the folder holds a run and `resume` is off, or the other way round, or where options lack
+    something.
+    """
     has_run = (request.out / CONFIG).exists()
     if request.resume and not has_run:
         raise OptionError(f"{request.out}: no run to resume. Leave --resume out to start one.")
@@ -228,11 +263,12 @@ def _build_trainer(
     return build_trainer_from_clip(request.config, clip, store, backend)
 
 
-def _config_facts(request: RunRequest, masks: MaskFolder | None) -> dict[str, Any]:
+def collect_config(request: RunRequest, masks: str | None) -> dict[str, Any]:
+    """Collect what `config.json` says: the options of a run, and the source of its masks."""
     return {
         "clip": str(request.clip.resolve()),
         **asdict(request.options),
-        "masks": masks.source if masks else None,
+        "masks": masks,
         "init": str(request.init.resolve()) if request.init else None,
         "train": request.config.to_json(),
     }
@@ -262,5 +298,6 @@ def _collect_facts(
     }
 
 
-def _write_json(path: Path, values: dict[str, Any]) -> None:
+def write_run_facts(path: Path, values: dict[str, Any]) -> None:
+    """Write facts of a run as JSON, whole or not at all."""
     write_bytes(path, (json.dumps(values, indent=1) + "\n").encode())

@@ -12,9 +12,11 @@ from torch import Tensor
 
 from instdrive_core.errors import InstDriveError
 from instdrive_core.maths.streams import Stream, make_generator
+from instdrive_core.scene.camera import Camera
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.cpu_backend import CpuBackend
 from instdrive_core.training.backends.row_gather import gather_rows
+from instdrive_core.training.gaussians.camera_poses import CameraPoses
 from instdrive_core.training.gaussians.densify import (
     GrowthStatistics,
     compute_actor_radii,
@@ -73,6 +75,7 @@ class Trainer:
         self.model.move_to(self.backend.device)
         self.optimizers = Optimizers(self.model, self.config)
         self.growth = GrowthStatistics.empty(len(self.model), self.backend.device)
+        self.cameras = CameraPoses(self.store.facts, self.config.geometry)
         self.has_masks = any(photo.has_masks for photo in self.store.facts)
         """Without a single mask no instance can be learned."""
         if self.config.freeze_geometry:
@@ -89,6 +92,7 @@ class Trainer:
         if self.stage == "rgb":
             yield from self._stage(geometry.iterations)
             self.stage, self.iteration = "instances", 0
+        self.store.place_cameras(self.cameras.list_poses())
         if instances and self.has_masks:
             yield from self._stage(instances)
 
@@ -128,8 +132,9 @@ class Trainer:
         view = self.store.get(number, coarse)
         joint = self.config.instances.schedule == "joint" and view.labels is not None
 
-        drawn = render_view(self.model, backend, view.camera, view.time, joint)
-        image = backend.composite_over_sky(drawn.color, drawn.alpha, shared["sky"], view.camera)
+        camera = self.cameras.correct(number, view.camera)
+        drawn = render_view(self.model, backend, camera, view.time, joint)
+        image = backend.composite_over_sky(drawn.color, drawn.alpha, shared["sky"], camera)
         if config.exposure_lr:
             image = backend.expose(image, shared["exposures"][number])
 
@@ -139,6 +144,8 @@ class Trainer:
             terms |= compute_terms(INSTANCE_TERMS, self._sample_joint_pixels(view, drawn))
 
         values = self._backward(terms)
+        if not coarse:
+            self._descend_camera(number, camera, drawn)
         self._descend(drawn)
         return values, step.psnr
 
@@ -193,6 +200,14 @@ class Trainer:
             self._descend_features((drawn.rows, rendered, drawn.seen.visible))
         if counts_gradients(self.config.densify, self.iteration, self.config.geometry.iterations):
             self.growth.add(drawn.rows, drawn.seen)
+
+    def _descend_camera(self, number: int, camera: Camera, drawn: RenderedView) -> None:
+        """Descend the photo's pose along the gradient of all that it saw; the sky is too far off to tell."""
+        means, quats = drawn.placed
+        if not self.cameras.are_learned or means.grad is None or quats.grad is None:
+            return
+        force, torque = self.backend.sum_rigid_gradient(means, quats, means.grad, quats.grad)
+        self.cameras.step(number, camera, force, torque, self.iteration / self.config.geometry.iterations)
 
     def _descend_features(self, seen: tuple[Tensor, Tensor, Tensor | None] | None) -> None:
         """Descend along the voxel loss's gradient of all features, and the blended map's of those that a view saw:

@@ -144,3 +144,27 @@ def test_files_of_other_programs(name, axis, reason):
         pytest.skip("the shared example files are not here")
     found = estimate_up(open_scene(path), find_stated_up(path))
     assert (found.axis, found.confident, found.reason) == (axis or "-y", axis is not None, reason)
+
+
+def with_haze_below(scene, times, height=15.0):
+    """The street, with large faint splats far below it that weigh more than its houses: what no photo saw."""
+    gaussians = scene.gaussians
+    ground = np.abs(gaussians.means[:, 2]) < 0.3
+    haze = gaussians.select(np.tile(np.flatnonzero(ground), times)).copy()
+    haze.means[:, 2] -= np.linspace(1.5, height, len(haze)).astype(np.float32)
+    haze.log_scales[:] = np.log(0.8)
+    haze.opacity_logits[:] = -0.8
+    merged = {
+        name: np.concatenate([getattr(gaussians, name), getattr(haze, name)])
+        for name in ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest", "features")
+    }
+    return scene_from_gaussians(replace(gaussians, **merged))
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_a_street_over_haze_is_not_turned_over(street, axis):
+    """Haze has no weight against what stands on the ground, near it and solid."""
+    hazy = with_haze_below(anonymous(street), times=8)
+    found = estimate_up(lying(hazy, compute_axis_direction(axis)))
+    assert found.axis == axis
+    assert found.confident

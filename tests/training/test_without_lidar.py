@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moving_photos import Board, make_clip, standing_board, write_as_nerfstudio, write_street_masks
 from photo_models import photo_model, write_colmap_binary, write_nerfstudio
 from small_clip import write_small_clip
 
+from instdrive_core.cli.info import print_info
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
@@ -98,3 +100,24 @@ def test_points_that_no_photo_sees_are_an_error(model, tmp_path):
         pytest.raises(DataError, match="no training photo sees one of its 40 points"),
     ):
         build_initial_scene(replace(clip, points=above), store, INIT, 0, seed=1)
+
+
+def test_what_moves_is_kept_out_and_the_scene_remembers_it(tmp_path, capsys):
+    pytest.importorskip("cv2", reason="OpenCV is not installed")
+    boards = (standing_board(4.5, 24), Board(lambda time: (1.8, 8 + 8 * time)))
+    root = write_as_nerfstudio(tmp_path / "street", boards, 8)
+    clip = make_clip(boards, 8)
+    write_street_masks(root / "masks", rename_frames(clip), boards)
+    notes, _ = run(root, tmp_path / "run")
+    assert "1 thing seen moving, not rebuilt" in notes
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["seen_moving"] == 1
+    (mover,) = read_scene_folder(tmp_path / "run").seen_movers
+    assert [sighting.step for sighting in mover.sightings] == [0, 1, 2, 3, 5, 6, 7]
+    print_info(tmp_path / "run")
+    assert "1 thing, not rebuilt (camera)" in capsys.readouterr().out
+
+
+def rename_frames(clip):
+    """The clip with the camera's name that nerfstudio's folder gives it."""
+    frames = (replace(frame, view=replace(frame.view, name="camera")) for frame in clip.frames)
+    return replace(clip, frames=tuple(frames))

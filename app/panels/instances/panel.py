@@ -9,6 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.instances.list_walk import Step, Walk
 from instdrive_app.panels.instances.row import BIT_SIZE, COLUMNS, Row, RowPainter
 from instdrive_app.panels.instances.rows import InstanceRows, Query
+from instdrive_app.panels.instances.seen_moving import SeenMovingList
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
 from instdrive_app.panels.widgets.ui import Ui, get_icon, scale_pixels, scale_size
 from instdrive_app.session.requests import AskName
@@ -34,6 +35,7 @@ class InstancesPanel:
     def __init__(self) -> None:
         self._rows, self._query = InstanceRows(), Query()
         self._painter = RowPainter()
+        self._seen_moving = SeenMovingList()
         self._shows_codes, self._flips_codes = False, False
         self._walk, self._scroll_to = Walk(), 0
         self._types_search = False
@@ -57,6 +59,7 @@ class InstancesPanel:
         self._draw_banner(ui, document)
         self._handle_keys(ui, document)
         self._draw_table(ui, document)
+        self._seen_moving.draw(ui, document.scene.seen_movers, document.scene.views)
         self._take_rename(ui)
 
     # ------------------------------------------------------------------ above the list
@@ -204,8 +207,9 @@ class InstancesPanel:
         style = (
             flags.scroll_y | flags.row_bg | flags.sortable | flags.hideable | flags.resizable | flags.no_saved_settings
         )
+        below = self._seen_moving.measure_height(document.scene.seen_movers)
         imgui.push_style_var(imgui.StyleVar_.cell_padding, scale_size(3, 3))
-        if imgui.begin_table("##instances", len(COLUMNS), style | flags.no_borders_in_body):
+        if imgui.begin_table("##instances", len(COLUMNS), style | flags.no_borders_in_body, ImVec2(0, -below)):
             self._set_up_columns(document)
             self._draw_rows(ui, document)
             imgui.end_table()

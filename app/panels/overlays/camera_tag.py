@@ -6,6 +6,9 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
+from instdrive_app.state import ViewMode
+
+VIEW_BUTTONS = frozenset(f"view.{mode.name.lower()}" for mode in ViewMode)
 
 
 class CameraTag:
@@ -24,6 +27,9 @@ class CameraTag:
         size = imgui.calc_text_size(text)
         padding, gap = scale_pixels(10), scale_pixels(5)
         right, top = place.x + place.width - padding, place.y + padding
+        switch = max((rect[2] for name, rect in ui.marks.items() if name in VIEW_BUTTONS), default=0.0)
+        if right - size.x - 2 * padding < switch + gap:  # no room beside the view switch
+            top = place.y + place.height - padding - size.y - 2 * gap
         draw = imgui.get_window_draw_list()
         draw.add_rect_filled(
             ImVec2(right - size.x - 2 * padding, top),

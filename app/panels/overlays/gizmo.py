@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from imgui_bundle import imgui, imguizmo
 from jaxtyping import Float64
@@ -63,6 +65,9 @@ class Gizmo:
         pen = WorldPen(camera, place)
         for first, second in BOX_EDGES:
             pen.draw_line(box.corners[first], box.corners[second], pack_color(ACCENT, 0.45))
+        for path in moving.find_paths():
+            for start, end in pairwise(path):
+                pen.draw_line(start, end, pack_color(TEXT, 0.7))
         drag = moving.drag
         axes = choose_gizmo_axes(moving, box, operation) if drag is None else drag.axes
         if operation == "move" and moving.options.along_lane:

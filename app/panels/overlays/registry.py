@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from instdrive_app.panels.overlays import Handles, Overlay, OverlayRecord
+from instdrive_app.panels.overlays.brush_ring import BrushRing
 from instdrive_app.panels.overlays.camera_tag import CameraTag
 from instdrive_app.panels.overlays.deletion import DeletionOverlay
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
@@ -34,6 +35,7 @@ ABOVE_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
     OverlayRecord("What lies behind each other", "ICON_FA_LAYER_GROUP", StackList),
     OverlayRecord("Question which way is up", "ICON_FA_ARROWS_SPIN", UprightBar),
     OverlayRecord("Outline of a region", "ICON_FA_DRAW_POLYGON", RegionOutline),
+    OverlayRecord("Ring of the brush", "ICON_FA_CIRCLE", BrushRing),
 )
 """Drawn last, in this order."""
 OVERLAYS: tuple[OverlayRecord[Overlay], ...] = (*BELOW_HANDLES, HANDLES, *ABOVE_HANDLES)

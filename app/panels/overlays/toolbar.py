@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from imgui_bundle import ImVec2, imgui
 
@@ -20,29 +20,44 @@ BUTTON = 2.1
 
 
 class Toolbar:
-    """Draws a column of tools below the view switch, and beside the current tool a row with its options."""
+    """Draws the tools below the view switch, in as many columns as the picture's height asks for.
+
+    Beside them, a row has the options of the current tool.
+    """
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
         side = round(imgui.get_font_size() * BUTTON)
         left, top = place.x + scale_pixels(MARGIN), place.y + scale_pixels(2 * MARGIN) + imgui.get_frame_height()
         commands = {name: ui.session.actions[f"tool.{name}"] for name in ui.tools}
-        tops = _compute_tops(commands.values(), side)
-        _draw_plate(left, top, side, tops[-1] + side)
-        for (name, command), offset in zip(commands.items(), tops, strict=True):
-            _draw_tool_button(ui, command, ImVec2(left, top + offset), side)
+        height = place.y + place.height - top - scale_pixels(MARGIN)
+        columns = _arrange_columns(tuple(commands.values()), side, height)
+        tops = {command.id: (number, at) for number, column in enumerate(columns) for command, at in column}
+        step = side + scale_pixels(2 * PADDING + MARGIN / 2)
+        for number, column in enumerate(columns):
+            _draw_plate(left + number * step, top, side, column[-1][1] + side)
+        for name, command in commands.items():
+            number, offset = tops[command.id]
+            _draw_tool_button(ui, command, ImVec2(left + number * step, top + offset), side)
             if name == ui.session.state.tool and ui.tool.options:
-                _draw_options(ui, left + side + scale_pixels(2 * PADDING + MARGIN / 2), top + offset, side)
+                _draw_options(ui, left + len(columns) * step, top + offset, side)
 
 
-def _compute_tops(commands: Iterable[Action], side: float) -> list[float]:
-    """Compute each tool's distance below the first, in pixels; a gap separates the groups."""
-    tops, top = [], 0.0
+def _arrange_columns(commands: Sequence[Action], side: float, height: float) -> list[list[tuple[Action, float]]]:
+    """Arrange tools in columns of at most this height (pixels): each with its distance below the column's top.
+
+    A gap separates groups.
+    """
+    columns: list[list[tuple[Action, float]]] = [[]]
+    top = 0.0
     for command in commands:
-        top += scale_pixels(GROUP_GAP) if command.separator else 0.0
-        tops.append(top)
+        top += scale_pixels(GROUP_GAP) if command.separator and columns[-1] else 0.0
+        if columns[-1] and top + side > height:
+            columns.append([])
+            top = 0.0
+        columns[-1].append((command, top))
         top += side + scale_pixels(GAP)
-    return tops
+    return columns
 
 
 def _draw_options(ui: Ui, left: float, top: float, side: float) -> None:

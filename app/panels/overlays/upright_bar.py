@@ -52,6 +52,10 @@ def describe_offer(offer: TurnOffer) -> str:
     """Say what is known about which way is up."""
     if offer.is_answered:
         return "Is it upright now?"
+    if offer.ids and offer.estimate.confident:
+        return f"What was inserted seems to lie on its side: {offer.estimate.words} is up"
+    if offer.ids:
+        return "Nothing says which way is up in what was inserted"
     if offer.estimate.confident:
         return f"This scene seems to lie on its side: {offer.estimate.words} is up"
     return "Nothing says which way is up in this scene"

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import imgui_bundle
 from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
+
+from instdrive_app.files.system_fonts import find_fallback_fonts, list_font_folders
 
 Color = tuple[float, float, float]
 
@@ -41,13 +44,29 @@ class Fonts:
     regular: imgui.ImFont
     bold: imgui.ImFont
 
+    def find_missing(self, text: str) -> str:
+        """Find the characters of a text that no loaded font has, each once and in order."""
+        return "".join(
+            dict.fromkeys(
+                letter for letter in text if letter.isprintable() and not self.regular.is_glyph_in_font(ord(letter))
+            )
+        )
+
 
 def load_fonts() -> Fonts:
-    """Load Roboto with the icons of Font Awesome 6; imgui-bundle ships both."""
+    """Load Roboto with the icons of Font Awesome 6, which imgui-bundle ships; what both lack comes from the system."""
     hello_imgui.set_assets_folder(str(Path(imgui_bundle.__file__).parent / "assets"))
-    regular = hello_imgui.load_font_ttf_with_font_awesome_icons("fonts/Roboto/Roboto-Regular.ttf", FONT_SIZE)
-    bold = hello_imgui.load_font_ttf_with_font_awesome_icons("fonts/Roboto/Roboto-Bold.ttf", FONT_SIZE)
-    return Fonts(regular, bold)
+    fallbacks = find_fallback_fonts(list_font_folders())
+    return Fonts(*(_load_font(f"fonts/Roboto/Roboto-{weight}.ttf", fallbacks) for weight in ("Regular", "Bold")))
+
+
+def _load_font(name: str, fallbacks: Sequence[Path]) -> imgui.ImFont:
+    font = hello_imgui.load_font_ttf_with_font_awesome_icons(name, FONT_SIZE)
+    for path in fallbacks:
+        merged = hello_imgui.FontLoadingParams()
+        merged.inside_assets, merged.merge_to_last_font = False, True
+        hello_imgui.load_font(str(path), FONT_SIZE, merged)
+    return font
 
 
 def apply_style() -> None:

@@ -1,4 +1,4 @@
-"""Moving, turning and scaling instances. Of a moving actor the track is edited: the whole drive goes along."""
+"""Moving, turning and scaling instances. Of a moving actor the track is edited."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ SCALE_LIMITS = (0.01, 100.0)
 class MoveInstances(PoseEdit):
     """Move instances together: scaled and turned about a pivot, then shifted.
 
-    An actor's whole path is moved so, except that scaling changes the object only, not how far it drives; every
-    instance of the actor goes along.
+    An actor's whole path is moved so, except that scaling changes the object only, not how far it drives, and that the
+    path need not turn along; every instance of the actor goes along.
     """
 
     kind: ClassVar[str] = "move_instances"
@@ -59,6 +59,8 @@ class MoveInstances(PoseEdit):
     """Shift along the lane only."""
     on_ground: bool = False
     """Set down on the ground at the new place."""
+    body_only: bool = False
+    """Turn what drives on its path, which is shifted but not turned; otherwise the whole drive turns."""
 
     def __post_init__(self) -> None:
         self.ids = check_ids(self.ids)
@@ -72,7 +74,7 @@ class MoveInstances(PoseEdit):
         self.scale = check_number(self.scale, "scale")
         if not SCALE_LIMITS[0] <= self.scale <= SCALE_LIMITS[1]:
             raise EditError(f"scale {self.scale:g} is not from {SCALE_LIMITS[0]:g} to {SCALE_LIMITS[1]:g}")
-        for name in ("yaw_only", "along_lane", "on_ground"):
+        for name in ("yaw_only", "along_lane", "on_ground", "body_only"):
             check_switch(getattr(self, name), name)
 
     @property
@@ -106,7 +108,8 @@ class MoveInstances(PoseEdit):
         entries = add_changed_entries(document.transforms, changes)
         rows = np.concatenate([parts.rows for parts, _ in changes])
         touched = [entry.id for entry in document.scene.table if entry.node in nodes or node_of.get(entry.id) == 0]
-        tracks = {node: move_track(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}
+        move = move_body if self.body_only else move_track
+        tracks = {node: move(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}
         self.assign_poses(document, rows, entries, tracks, touched, size_before, matrix)
         return True
 
@@ -142,4 +145,15 @@ def move_track(track: Track, matrix: Similarity, scale: float, time: float) -> T
     poses = track.world_from_box.copy()
     poses[:, :3, :3] = rotation @ poses[:, :3, :3]
     poses[:, :3, 3] = (poses[:, :3, 3] - here) @ rotation.T + matrix[:, :3] @ here + matrix[:, 3]
+    return replace(track, world_from_box=poses, dimensions=track.dimensions * scale)
+
+
+def move_body(track: Track, matrix: Similarity, scale: float, time: float) -> Track:
+    """The track with its box turned alike at all times, so that at `time` (seconds) it is where `matrix` = [s R | t]
+    says; the path keeps its shape and direction."""
+    here = track.interpolate_pose(time)
+    turn = here[:3, :3].T @ (matrix[:, :3] / scale) @ here[:3, :3]
+    poses = track.world_from_box.copy()
+    poses[:, :3, :3] = poses[:, :3, :3] @ turn
+    poses[:, :3, 3] += matrix[:, :3] @ here[:3, 3] + matrix[:, 3] - here[:3, 3]
     return replace(track, world_from_box=poses, dimensions=track.dimensions * scale)

@@ -17,6 +17,7 @@ from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.seen_moving import SeenMover, Sighting
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
 
@@ -30,6 +31,7 @@ def build_manifest(scene: Scene) -> dict[str, Any]:
         "instances": [_describe_instance(instance) for instance in scene.table],
         "actors": [_describe_track(actor) for actor in scene.actors],
         "views": [_describe_view(view) for view in scene.views],
+        "seen_moving": [_describe_mover(mover) for mover in scene.seen_movers],
         "exposures": None if scene.exposures is None else list(scene.exposures.keys),
     }
 
@@ -70,6 +72,11 @@ def _describe_view(view: CameraView) -> dict[str, Any]:
     }
 
 
+def _describe_mover(mover: SeenMover) -> dict[str, Any]:
+    sightings = [{"step": int(sighting.step), "box": list(sighting.box)} for sighting in mover.sightings]
+    return {"camera": mover.camera, "label": mover.label, "sightings": sightings}
+
+
 def assemble_scene(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Scene:
     """Assemble a scene. Raises KeyError, TypeError or ValueError where manifest and arrays do not fit."""
     gaussians = Gaussians(**{name: _get_floats(arrays, name) for name in Gaussians.__dataclass_fields__})
@@ -93,6 +100,7 @@ def assemble_scene(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Scen
         antialiased=_is_antialiased(manifest.get("antialiased", False)),
         extra=_parse_extra_columns(arrays),
         exposures=_parse_exposures(manifest.get("exposures"), arrays),
+        seen_movers=tuple(_parse_mover(entry) for entry in manifest.get("seen_moving", [])),
     )
 
 
@@ -173,6 +181,23 @@ def _parse_views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> t
             )
         )
     return tuple(views)
+
+
+def _parse_mover(entry: dict[str, Any]) -> SeenMover:
+    """Parse what was seen moving. Raises ValueError where it was seen nowhere, or outside of a photo."""
+    sightings = tuple(
+        Sighting(int(seen["step"]), _parse_box([float(value) for value in seen["box"]])) for seen in entry["sightings"]
+    )
+    if not sightings:
+        raise ValueError("something in 'seen_moving' has no sightings")
+    return SeenMover(require_whole_text(entry["camera"]), sightings, require_whole_text(entry["label"]))
+
+
+def _parse_box(corners: list[float]) -> tuple[float, float, float, float]:
+    left, top, right, bottom = corners
+    if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
+        raise ValueError(f"'seen_moving' has the box {corners}, which is not a part of a photo")
+    return left, top, right, bottom
 
 
 def _parse_exposures(keys: Any, arrays: dict[str, ndarray]) -> Exposures | None:

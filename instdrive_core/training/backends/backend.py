@@ -76,6 +76,19 @@ class Backend(Protocol):
         """
         ...
 
+    def sum_rigid_gradient(
+        self,
+        means: Float[Tensor, "v 3"],
+        quats: Float[Tensor, "v 4"],
+        grad_means: Float[Tensor, "v 3"],
+        grad_quats: Float[Tensor, "v 4"],
+    ) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
+        """Gradient along a rigid motion of everything: a shift (per metre), and a turn about the origin (per radian).
+
+        A camera that moves the opposite way sees the same. Sums are in fixed order.
+        """
+        ...
+
     def composite_over_sky(
         self,
         image: Float[Tensor, "h w 3"],

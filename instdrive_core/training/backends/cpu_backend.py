@@ -16,6 +16,7 @@ class CpuBackend:
     rasterize = staticmethod(autograd.rasterize)
     evaluate_harmonics = staticmethod(autograd.evaluate_harmonics)
     place_gaussians = staticmethod(placement.place_gaussians)
+    sum_rigid_gradient = staticmethod(placement.sum_rigid_gradient)
     composite_over_sky = staticmethod(sky_blend.composite_over_sky)
     expose = staticmethod(exposure_op.expose)
     photometric_loss = staticmethod(photometric.photometric_loss)

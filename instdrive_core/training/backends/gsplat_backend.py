@@ -44,6 +44,7 @@ class GsplatBackend:
 
     evaluate_harmonics = staticmethod(torch_ops.evaluate_harmonics)
     place_gaussians = staticmethod(torch_ops.place_gaussians)
+    sum_rigid_gradient = staticmethod(torch_ops.sum_rigid_gradient)
     composite_over_sky = staticmethod(torch_ops.composite_over_sky)
     expose = staticmethod(torch_ops.expose)
     photometric_loss = staticmethod(torch_ops.photometric_loss)

@@ -40,6 +40,21 @@ def place_gaussians(
     return _Place.apply(means, quats, rotations, shifts, starts)
 
 
+def sum_rigid_gradient(
+    means: Float[Tensor, "v 3"],
+    quats: Float[Tensor, "v 4"],
+    grad_means: Float[Tensor, "v 3"],
+    grad_quats: Float[Tensor, "v 4"],
+) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
+    """See `Backend.sum_rigid_gradient`."""
+    sums = np.zeros((max(1, -(-len(means) // _CHUNK)), 16))
+    _sum_chunks(_array(grad_means), _array(grad_quats), _array(means), _array(quats), sums)
+    total = sums.sum(axis=0)
+    products = total[:9].reshape(3, 3)
+    crossed = (products.T - products)[[1, 2, 0], [2, 0, 1]]
+    return total[9:12], crossed + 0.5 * total[13:]
+
+
 def _starts_of_nodes(nodes: UInt16[ndarray, " v"], count: int) -> Int64[ndarray, " m+1"]:
     """The first row of each node, and the number of rows."""
     if np.any(nodes[1:] < nodes[:-1]):
@@ -155,6 +170,14 @@ def _sum_node(grad_means, grad_quats, means, quats, first, last, sums):
         by_turn = _multiply(grad_quats[i], quats[i, 0], -quats[i, 1], -quats[i, 2], -quats[i, 3])
         for k in range(4):
             sums[12 + k] += by_turn[k]
+
+
+@numba.njit(parallel=True, error_model="numpy", cache=True)
+def _sum_chunks(grad_means, grad_quats, means, quats, sums):
+    """Sums of `_sum_node` by chunks of rows: the same bits whatever the number of threads."""
+    for chunk in numba.prange(len(sums)):
+        last = min((chunk + 1) * _CHUNK, len(means))
+        _sum_node(grad_means, grad_quats, means, quats, chunk * _CHUNK, last, sums[chunk])
 
 
 @numba.njit(parallel=True, error_model="numpy", cache=True)

@@ -53,6 +53,20 @@ def place_gaussians(
     return means.index_copy(0, rows, placed_means), quats.index_copy(0, rows, placed_quats)
 
 
+def sum_rigid_gradient(
+    means: Float[Tensor, "v 3"],
+    quats: Float[Tensor, "v 4"],
+    grad_means: Float[Tensor, "v 3"],
+    grad_quats: Float[Tensor, "v 4"],
+) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
+    """See `Backend.sum_rigid_gradient`."""
+    backwards = quats.detach().double() * torch.tensor([1.0, -1.0, -1.0, -1.0], device=quats.device).double()
+    half_turns = 0.5 * _multiply_quaternions(grad_quats.double(), backwards)[:, 1:]
+    torques = torch.linalg.cross(means.detach().double(), grad_means.double()) + half_turns
+    force, torque = torch.stack([grad_means.double().sum(dim=0), torques.sum(dim=0)]).cpu().numpy()
+    return force, torque
+
+
 def quaternions_from_matrices(matrices: Float[Tensor, "m 3 3"]) -> Float[Tensor, "m 4"]:
     """Unit quaternions wxyz (w ≥ 0) of rotation matrices, differentiable by all nine entries."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (row.unbind(1) for row in matrices.unbind(1))

@@ -35,6 +35,8 @@ class RenderedView:
     depth: Float[Tensor, "h w"]
     """Σ w·z."""
     alpha: Float[Tensor, "h w"]
+    placed: tuple[Float[Tensor, "v 3"], Float[Tensor, "v 4"]]
+    """Means and quaternions in the world; they gather gradients, too."""
 
     def gradients(self) -> dict[str, Tensor | None]:
         """Gradient of each attribute after the backward pass."""
@@ -52,6 +54,9 @@ def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float
     splats = {name: gather_rows(model.parameters[name], rows).requires_grad_(True) for name in names}
     nodes = model.nodes[rows.cpu().numpy()]
     means, quats = backend.place_gaussians(splats["means"], splats["quats"], nodes, poses.rotations, poses.shifts)
+    for tensor in (means, quats):
+        if not tensor.is_leaf:
+            tensor.retain_grad()
     colors = backend.evaluate_harmonics(
         means, splats["sh_dc"], splats["sh_rest"], camera.position, nodes, poses.matrices
     )
@@ -63,7 +68,7 @@ def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float
     color, features = (drawn, None)
     if with_features:
         color, features = drawn.split([3, drawn.shape[2] - 3], dim=2)  # slices would each get a gradient of full width
-    return RenderedView(rows, splats, seen, color, features, depth, alpha)
+    return RenderedView(rows, splats, seen, color, features, depth, alpha, (means, quats))
 
 
 def find_rows_of_view(model: SceneModel, backend: Backend, poses: NodePoses, camera: Camera) -> Int64[Tensor, " v"]:

@@ -17,6 +17,7 @@ from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
+from instdrive_core.training.gaussians.camera_poses import CameraPoses
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.instance_learner import LearnedInstances
 from instdrive_core.training.instances.naming import find_instance_classes, make_display_names
@@ -24,9 +25,17 @@ from instdrive_core.training.settings.config import TrainConfig
 
 
 def export_trained_scene(
-    model: SceneModel, clip: Clip, config: TrainConfig, learned: LearnedInstances | None, exposures: Exposures | None
+    model: SceneModel,
+    clip: Clip,
+    config: TrainConfig,
+    learned: LearnedInstances | None,
+    exposures: Exposures | None,
+    cameras: CameraPoses,
 ) -> Scene:
-    """Export the editable scene. Without masks nothing was learned about instances: every ID is 0."""
+    """Export the editable scene. Without masks nothing was learned about instances: every ID is 0.
+
+    Its views are the clip's, held-out ones included, where training found the cameras.
+    """
     gaussians, actors = model.gaussians(), model.tracks()
     count = len(gaussians)
     codewords, ids = np.zeros(count, np.uint32), np.zeros(count, np.uint32)
@@ -44,7 +53,7 @@ def export_trained_scene(
         table=build_instance_table(ids, gaussians.means, codewords, model.nodes, names, classes),
         actors=actors,
         sky=Sky(model.shared["sky"].detach().cpu().numpy().clip(0, 1)),
-        views=tuple(frame.view for frame in clip.frames),
+        views=cameras.correct_views([frame.view for frame in clip.frames]),
         origin=clip.origin,
         exposures=exposures,
         code_bits=learned.code_bits if learned is not None else 0,

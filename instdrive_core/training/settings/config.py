@@ -10,6 +10,8 @@ LEARNED_ELSEWHERE = ("mask-graph", "gaussian-grouping", "opengaussian")
 """Methods whose instance stage is not the trainer's."""
 Preset = Literal["demo", "quick", "paper"]
 Device = Literal["auto", "cpu", "cuda"]
+PieceChoice = Literal["auto"] | int
+"""Number of pieces that a drive is cut into; `auto` = as many as it needs."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,12 @@ class GeometryConfig:
     """Affine exposure of each photo; 0 = none."""
     exposure_weight: float = 0.1
     """Pull of the exposures towards the identity, singly and in the mean."""
+    rig_lr: float = 5e-4
+    """Corrections of where each camera sits on the vehicle, metres; turns a tenth of it, radians; 0 = as calibrated."""
+    photo_lr: float = 2e-3
+    """Corrections of each photo's pose beside its camera's, likewise; 0 = none."""
+    photo_decay: float = 0.01
+    """Share of the way to zero that a photo's own correction goes back at each of its steps."""
     track_lr: float = 3e-3
     """Corrections of the cuboid tracks, metres and radians; 0 = tracks stay as given."""
     track_decay: float = 1e-3
@@ -275,6 +283,11 @@ def build_train_config(method: Method = "instdrive", preset: Preset = "quick", s
     if method == "paper":
         config = replace(config, instances=use_printed_losses(config.instances))
     return config
+
+
+def keep_cameras(config: TrainConfig) -> TrainConfig:
+    """Copy a configuration so that photos keep their poses: fitted to the photos already, in a unit of its own."""
+    return replace(config, geometry=replace(config.geometry, rig_lr=0.0, photo_lr=0.0))
 
 
 def keep_geometry(config: TrainConfig) -> TrainConfig:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from jaxtyping import Float64
+from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
@@ -73,6 +76,8 @@ class ViewStore:
         self._wanted: deque[Key] = deque()
         self._worker: threading.Thread | None = None
         self._closed = False
+        self._poses: tuple[Float64[ndarray, "4 4"], ...] | None = None
+        """world_from_camera of each view where it was corrected."""
         self._changed = threading.Condition()
         """Guards everything above; told whenever a view has been read."""
 
@@ -104,6 +109,10 @@ class ViewStore:
         """Bytes of views in memory now; never more than the budget."""
         return self._kept_bytes
 
+    def place_cameras(self, poses: Sequence[Float64[ndarray, "4 4"]]) -> None:
+        """From now on, return views with corrected cameras: world_from_camera of each view."""
+        self._poses = tuple(poses)
+
     def get(self, number: int, coarse: bool = False) -> TrainingView:
         """Get a view, at half the resolution with `coarse`. Do not write into its arrays.
 
@@ -111,7 +120,12 @@ class ViewStore:
         """
         if not 0 <= number < len(self):
             raise IndexError(f"view {number} of {len(self)}")
-        key = (number, coarse)
+        view = self._find_view((number, coarse))
+        if self._poses is None:
+            return view
+        return replace(view, camera=replace(view.camera, world_from_camera=self._poses[number]))
+
+    def _find_view(self, key: Key) -> TrainingView:
         with self._changed:
             self._changed.wait_for(lambda: key not in self._reading)
             failure = self._failed.pop(key, None)

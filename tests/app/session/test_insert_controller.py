@@ -91,3 +91,48 @@ def test_what_cannot_be_inserted_is_told(session, street, tmp_path):
     finish(session)
     assert "broken.ply" in errors(session)[-1]
     assert street.history.cursor == steps
+
+
+def lying_car(folder, name):
+    """The file of a car of another program, with y down: two of its lengths, in x and y, become height and width."""
+    car = procedural_street()
+    part = scene_from_gaussians(car.gaussians.select(np.flatnonzero(car.instance_ids == FIRST_CAR + 4)))
+    part.gaussians.means[:] = part.gaussians.means @ np.float32([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    save_scene(folder / name, part)
+    return folder / name
+
+
+def heights(street, ids):
+    means = street.compute_means(street.find_rows(ids))
+    return np.quantile(means[:, 2], [0.02, 0.98])
+
+
+def test_an_inserted_scene_of_another_program_is_asked_about_and_stands_up(session, street, tmp_path):
+    session.state.viewpoint = Viewpoint(look_at(np.array([0.0, 0, 2]), np.array([0.0, 10, 2])), LENS)
+    session.insertion.insert(lying_car(tmp_path, "car.ply"), lying_car(tmp_path, "second.ply"))
+    finish(session)
+    first = session.orientation.offer
+    assert first.ids == session.selection.ids[:1]
+    assert np.diff(heights(street, first.ids)) > 3, "it lies on its bumper"
+    steps = street.history.cursor
+    session.orientation.accept_offer()
+    assert street.history.cursor == steps + 1
+    low, high = heights(street, first.ids)
+    assert low == pytest.approx(0, abs=0.15)
+    assert high < 2
+    assert np.array_equal(street.orientation, np.eye(3, 4)), "the scene itself stays"
+    assert session.orientation.offer.is_answered
+    session.orientation.flip()
+    assert heights(street, first.ids)[0] == pytest.approx(0, abs=0.15)
+    session.orientation.dismiss_offer()
+    assert session.orientation.offer.ids == session.selection.ids[1:], "the second one is asked about next"
+    while street.history.cursor:
+        session.history.undo()
+    session.tick(0.0)
+    assert session.orientation.offer is None, "what it asked about is gone"
+
+
+def test_inserted_scenes_of_our_own_are_not_asked_about(session, street, tmp_path):
+    session.insertion.insert(car_file(tmp_path, instances=True))
+    finish(session)
+    assert session.orientation.offer is None

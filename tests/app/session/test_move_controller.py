@@ -230,6 +230,7 @@ def test_of_what_drives_the_track_is_edited_at_the_shown_moment(session, street)
     session.selection.select((DRIVING_CAR,))
     session.navigation.look_from(session.state.viewpoint)
     session.navigation.set_time(1.0)
+    session.movement.options.body_only = False
     track, present = street.scene.actors[0], session.movement.find_placement()
     np.testing.assert_allclose(present.position, track.interpolate_pose(1.0)[:3, 3])
     session.movement.place(present, type(present)(present.position, 90.0, 1.0))
@@ -342,3 +343,28 @@ def test_locked_things_stay_and_say_so(session, street):
     session.movement.put_on_ground()
     assert session.selection.ids == () or "unlock" in errors(session)[-1]
     np.testing.assert_array_equal(middle(session), start)
+
+
+# What drives
+
+
+@pytest.mark.parametrize("body_only", [True, False])
+def test_turning_what_drives_leaves_its_drive_unless_wanted(session, street, body_only):
+    """Here, either way the body turns by 90°; only with its drive does the path turn, too."""
+    moving = session.movement
+    assert not moving.has_drive
+    session.selection.select((DRIVING_CAR,))
+    (path,) = moving.find_paths()
+    before = street.scene.actors[0]
+    moving.options.body_only = body_only
+    moving.begin_drag(np.eye(3))
+    moving.drag_to(np.zeros(3), yaw(90), 1.0)
+    moving.end_drag()
+    after = street.scene.actors[0]
+    here, there = (track.interpolate_pose(session.state.time) for track in (before, after))
+    np.testing.assert_allclose(there[:3, :3], yaw(90) @ here[:3, :3], atol=1e-9)
+    np.testing.assert_allclose(there[:3, 3], here[:3, 3], atol=0.2)
+    way, new_way = path[-1] - path[0], moving.find_paths()[0][-1] - moving.find_paths()[0][0]
+    np.testing.assert_allclose(new_way, way if body_only else yaw(90) @ way, atol=1e-9)
+    session.history.undo()
+    np.testing.assert_array_equal(street.scene.actors[0].world_from_box, before.world_from_box)

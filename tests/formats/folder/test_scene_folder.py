@@ -16,6 +16,7 @@ from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
+from instdrive_core.scene.seen_moving import SeenMover, Sighting
 
 
 @pytest.mark.parametrize("options", [{}, {"actors": 0}, {"count": 1}, {"degree": 0, "features": 0}])
@@ -252,3 +253,31 @@ def test_a_scene_in_half_precision_can_be_saved_as_a_file(tmp_path):
     assert set(kept) == set(scene.extra)
     for name, column in scene.extra.items():
         np.testing.assert_allclose(kept[name], column, rtol=1e-3, atol=1e-3)
+
+
+SEEN = (
+    SeenMover("front_camera", (Sighting(3, (0.1, 0.4, 0.25, 0.6)), Sighting(5, (0.0, 0.5, 1.0, 1.0))), "Car"),
+    SeenMover("back_camera", (Sighting(0, (0.5, 0.5, 0.6, 0.7)),)),
+)
+
+
+def test_what_was_seen_moving_is_kept_and_older_scenes_have_none(tmp_path):
+    write_scene_folder(tmp_path, dataclasses.replace(random_scene(), seen_movers=SEEN))
+    assert read_scene_folder(tmp_path).seen_movers == SEEN
+    manifest = json.loads((tmp_path / "scene.json").read_text())
+    del manifest["seen_moving"]
+    (tmp_path / "scene.json").write_text(json.dumps(manifest))
+    assert read_scene_folder(tmp_path).seen_movers == ()
+
+
+@pytest.mark.parametrize(
+    ("sightings", "problem"),
+    [([], "no sightings"), ([{"step": 1, "box": [0.5, 0.1, 0.4, 0.2]}], "not a part of a photo")],
+)
+def test_a_mover_seen_nowhere_is_damage(tmp_path, sightings, problem):
+    write_scene_folder(tmp_path, random_scene())
+    manifest = json.loads((tmp_path / "scene.json").read_text())
+    manifest["seen_moving"] = [{"camera": "front_camera", "label": "", "sightings": sightings}]
+    (tmp_path / "scene.json").write_text(json.dumps(manifest))
+    with pytest.raises(DataError, match=problem):
+        read_scene_folder(tmp_path)

@@ -2,12 +2,17 @@
 
 import time
 
+import numpy as np
 import pytest
+from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, ROAD, parked_street
 from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import AskChangedScene, OfferRecovery
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.delete import DeleteRows
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.formats.registry import save_scene
 
 
@@ -52,3 +57,43 @@ def test_of_a_changed_scene_it_is_asked_and_can_be_had_all_the_same(left_behind)
     assert editor.files.is_unsaved
     assert editor.files.autosave.recoverable == []
     editor.close()
+
+
+def test_holes_of_a_killed_editor_are_offered_after_recovery(tmp_path, monkeypatch):
+    """Two deletions, the first hole filled: the recovered document offers the second hole only."""
+    monkeypatch.setenv("INSTDRIVE_STATE", str(tmp_path / "state"))
+    path = tmp_path / "parked"
+    document = Document(parked_street().scene)
+    away = np.abs(document.scene.gaussians.means[:, :2] - CAR_CENTER[:2] - [0, 6.5])  # the other car hides ground, too
+    hidden = np.isin(document.scene.instance_ids, (ROAD, 2)) & (away < CAR_SIZE[:2] / 2).all(axis=1)
+    document.apply(DeleteRows(np.flatnonzero(hidden)))
+    save_scene(path, bake_document(document))
+    editor = EditorSession()
+    editor.files.open(path)
+    finish(editor)
+    for number in (CAR, OTHER_CAR):
+        editor.deletion.delete((number,))
+        finish(editor)
+    assert len([found for found in editor.deletion.review.pending if found.hole is not None]) == 2
+    editor.deletion.review.fill()
+    finish(editor)
+    editor.tick(0.0)
+    journals, end = tmp_path / "state" / "recovery", time.monotonic() + 60
+    while not any("fill_hole" in journal.read_text() for journal in journals.glob("*/*.jsonl")):
+        assert time.monotonic() < end, list(journals.glob("*/*"))
+        time.sleep(0.01)
+    editor.close(by_choice=False)
+    editor.files.autosave._recovery._lock.release()
+
+    again = EditorSession()
+    again.files.offer_recovery()
+    finish(again)
+    (session,) = again.files.autosave.recoverable
+    again.files.recover(session)
+    finish(again)
+    (left,) = [found for found in again.deletion.review.pending if found.hole is not None]
+    assert left.deletion.ids == (CAR,)
+    again.deletion.review.fill_all()
+    finish(again)
+    assert not [found for found in again.deletion.review.pending if found.hole is not None]
+    again.close()

@@ -1,0 +1,1 @@
+"""What moves in photos: no LiDAR, cuboids or classes are looked at."""
