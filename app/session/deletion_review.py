@@ -17,7 +17,6 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.holes.holes import Hole
-from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.kinds.fill_hole import FillHole
@@ -214,8 +213,8 @@ class DeletionReview:
 
     def fill(self) -> None:
         """Fill the hole with ground like that around it, computed in the background."""
-        found, document = self.findings, self._context.document
-        edit = found.report.make_fill_edit() if found is not None and found.hole is not None else None
+        found, document = self._find_last_hole(), self._context.document
+        edit = None if found is None else found.report.make_fill_edit()
         if self._filling or found is None or edit is None or document is None:
             return
         frozen = freeze_document(document)
@@ -226,7 +225,7 @@ class DeletionReview:
             if self._context.document is document and self._context.apply(edit):
                 found.fill_edit = edit
                 self._messages.info(f"Filled a hole of {edit.area:.1f} m² with synthetic ground")
-                if self._fills_all and self.findings is not None and self.findings.hole is not None:
+                if self._fills_all and self._find_last_hole() is not None:
                     self.fill()
                 else:
                     self._fills_all = False
@@ -240,6 +239,10 @@ class DeletionReview:
         self._jobs.submit(
             "Filling the hole", lambda: edit.prepare(frozen), finish, modal=False, on_failure=handle_failure
         )
+
+    def _find_last_hole(self) -> DeletionFindings | None:
+        """The last report with a hole: later ones may only have residue."""
+        return next((found for found in reversed(self.pending) if found.hole is not None), None)
 
     def fill_all(self) -> None:
         """Fill all pending holes, one after the other."""
@@ -275,8 +278,6 @@ class DeletionReview:
                 return None
             progress.report(0.9)
             absorption = report.make_absorb_edit()
-            if isinstance(absorption, AbsorbFloaters):
-                absorption.prepare(frozen)
             places = frozen.compute_means(report.residue).astype(np.float64)
             nodes = frozen.scene.nodes[report.residue]
             return DeletionFindings(document, deletion, report, places, nodes, absorption, time=time, is_move=is_move)

@@ -14,8 +14,9 @@ from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.holes.holes import Hole, find_hole
-from instdrive_core.edits.holes.surroundings import find_surroundings
-from instdrive_core.edits.kinds.absorb import AbsorbFloaters, find_floaters_around
+from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, gather_photo_evidence
+from instdrive_core.edits.holes.surroundings import Surroundings, find_surroundings
+from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.fill_hole import FillHole, make_fill_hole
@@ -24,6 +25,13 @@ from instdrive_core.edits.queries.partial_deletion import Remainder, divide_inst
 from instdrive_core.progress import report
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
+
+MAX_GAP_SHARE = 0.02
+"""Share of what a thing hid that may be open to the sky without a fill."""
+
+
+SCRAP_SHARE = 0.1
+"""An instance with at most this share of a deleted one's splats is no thing that stands behind it."""
 
 
 @dataclass(frozen=True)
@@ -80,14 +88,12 @@ class DeletionReport:
         """The edit that removes the residue; None where there is none."""
         if not len(self.residue):
             return None
-        if len(self.parts) == 1 and self.parts[0].whole:
-            return AbsorbFloaters(self.parts[0].instance_id)
-        # Of an instance that is not gone as a whole, not all strays are residue.
+        # Photos say which strays are residue: not all that `AbsorbFloaters` would take.
         return CompoundEdit((SelectRows(self.residue), DeleteSelected()), f"Absorb floaters of {self.name}")
 
     def make_fill_edit(self, seed: int = 0) -> FillHole | None:
         """The edit that fills the hole; None where there is none."""
-        if self.hole is None or not self.hole_area:
+        if self.hole is None or not (self.hole_area or self.hole.behind):
             return None
         return make_fill_hole(self.hole, f"fill of {self.name}"[:MAX_NAME_LENGTH], seed)
 
@@ -123,27 +129,49 @@ def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: fl
 
 def _build_report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
     found, kept = [], []
+    evidence = gather_photo_evidence(document, [part.rows for part in parts])
     for number, part in enumerate(parts):
-        report(0.4 * number / len(parts))
+        report(0.3 + 0.2 * number / len(parts))
         remainder = None if part.whole else divide_instance(document, part.instance_id, part.rows)
-        found.append(_find_residue(document, part, remainder))
+        found.append(_find_residue(document, part, remainder, evidence))
         if remainder is not None:
             kept.append(remainder.kept)
-    report(0.4)
+    report(0.5)
     residue = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
     gone = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
     residue = np.setdiff1d(residue, gone, assume_unique=True)
     carried, counts = np.unique(document.scene.instance_ids[residue], return_counts=True)
     carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
     around = find_surroundings(document, [(part.instance_id, part.rows) for part in parts], time, kept)
-    report(0.6)
-    hole = None if around is None else find_hole(around, residue)
+    report(0.7)
+    hole = None if around is None else _find_hole(around, residue, evidence, tuple(part.instance_id for part in parts))
     return DeletionReport(tuple(parts), residue, carriers, hole)
 
 
-def _find_residue(document: Document, part: DeletedPart, remainder: Remainder | None) -> Int64[ndarray, " k"]:
-    """Strays of what was deleted; of an instance that is not gone as a whole, not those of the `remainder`."""
+def _find_hole(
+    around: Surroundings, residue: Int64[ndarray, " r"], evidence: PhotoEvidence | None, ids: tuple[int, ...]
+) -> Hole | None:
+    if evidence is None:
+        return find_hole(around, residue)
+    behind = ids if evidence.gap_share > MAX_GAP_SHARE else ()
+    return find_hole(around, np.union1d(residue, evidence.lost), evidence.looks, behind)
+
+
+def _find_residue(
+    document: Document, part: DeletedPart, remainder: Remainder | None, evidence: PhotoEvidence | None
+) -> Int64[ndarray, " k"]:
+    """Strays of what was deleted; of an instance that is not gone as a whole, not those of the `remainder`.
+
+    Photos have the last word: what they show past the thing stays, what they show only in its silhouette goes.
+    """
+    kept = None if remainder is None else remainder.kept
+    strays = find_floaters_around(document, part.instance_id, part.rows, kept)
+    if evidence is not None:
+        shown = find_rows_close_to(document, part.instance_id, part.rows, evidence.explained)
+        ids = document.scene.instance_ids[strays]
+        sizes = np.array([len(document.find_rows((number,))) for number in np.unique(ids).tolist()], np.int64)
+        scraps = np.isin(ids, np.unique(ids)[sizes <= SCRAP_SHARE * len(part.rows)])
+        strays = np.union1d(strays[scraps | ~np.isin(strays, evidence.seen)], shown)
     if remainder is None:
-        return find_floaters_around(document, part.instance_id, part.rows)
-    strays = find_floaters_around(document, part.instance_id, part.rows, remainder.kept)
+        return strays
     return strays[np.isin(strays, remainder.missed) | is_near_deleted(document, strays, remainder)]

@@ -1,8 +1,8 @@
-"""Planning the fill of a hole: which splats of the ground around are copied where, and which are removed."""
+"""Planning the fill of a hole: which ground around is copied where, and which splats are removed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -10,15 +10,15 @@ from numpy import ndarray
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from instdrive_core.edits.document.row_index import RowIndex
-from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.ground_map import GROUND_BAND, GroundMap
+from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
+from instdrive_core.edits.holes.ground_map import GROUND_BAND, GroundMap, build_ground_map
 from instdrive_core.edits.holes.inpainting import choose_source_cells
+from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
-from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 
 HEIGHT_WEIGHT = 2.0
 """A metre of height counts in the comparison of pieces like so much of a colour: a kerb like a change of 0.3."""
@@ -26,14 +26,16 @@ ROAD_BAND = 0.08
 """Metres from the plane within which a cell is taken for carriageway, lower than kerbs."""
 ROAD_SMOOTHING = 1.5
 """Metres over which the carriageway's height is averaged."""
+DETAIL = 3
+"""Tiles per side of a cell that show what is copied."""
 BED_DEPTH = 0.05
-"""Metres below the ground at which a bed seals the gaps between copies."""
-BED_THICKNESS = 0.01
+"""Metres below the ground at which larger tiles seal the gaps between those."""
+THICKNESS = 0.01
 """Standard deviation along the vertical, metres."""
-BED_OPACITY = 0.95
-"""Opacity of the bed's splats: nothing beneath shines through."""
-BED_SPREAD = 0.7
-"""Standard deviation of a splat of the bed in cells."""
+TILE_OPACITY = 0.95
+"""Opacity: nothing beneath shines through."""
+TILE_SPREAD = 0.7
+"""Standard deviation of a tile's splat in sides of the tile."""
 UNDERGROUND = -0.12
 """Metres: what lies lower, beneath and right beside the hole, was only ever seen through what is deleted."""
 
@@ -42,34 +44,47 @@ UNDERGROUND = -0.12
 class FillPlan:
     """The splats that fill a hole, and those that they replace."""
 
-    sources: Int64[ndarray, " s"]
-    """Rows of the document to copy."""
-    shifts: Float64[ndarray, "s 3"]
-    """Metres from each source to its copy."""
-    bed: Float64[ndarray, "h 3"]
-    """Middles of the splats that seal gaps from below, metres."""
-    bed_colors: Float64[ndarray, "h 3"]
-    bed_like: Int64[ndarray, " h"]
-    """Rows whose other columns (features, codeword) the bed takes."""
-    bed_scale: float
-    """Standard deviation in metres."""
+    tiles: Float64[ndarray, "t 3"]
+    """Middles of the flat splats that make up ground, metres."""
+    tile_colors: Float64[ndarray, "t 3"]
+    tiles_like: Int64[ndarray, " t"]
+    """Rows of the document whose other columns (features, codeword) they take."""
+    tile_scales: Float64[ndarray, " t"]
+    """Standard deviations in metres."""
     replaced: Int64[ndarray, " r"]
     """Rows of the document to delete."""
+    backdrop: Gaussians | None = None
+    """What stands behind; None = nothing is added there."""
+    backdrop_like: Int64[ndarray, " b"] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Rows whose other columns it takes."""
 
-    def build_bed(self, gaussians: Gaussians) -> Gaussians:
-        """The bed as flat level splats that look the same from everywhere; `gaussians` are the document's."""
-        like = gaussians.select(self.bed_like)
-        count = len(like)
-        scales = np.tile(np.array([self.bed_scale, self.bed_scale, BED_THICKNESS], np.float32), (count, 1))
-        return replace(
+    @property
+    def likes(self) -> Int64[ndarray, " n"]:
+        """Rows of the document that all splats take their other columns from, in the order of `build_splats`."""
+        return np.concatenate([self.tiles_like, self.backdrop_like])
+
+    def build_splats(self, gaussians: Gaussians) -> Gaussians:
+        """Ground and backdrop, which look the same from everywhere; `gaussians` are the document's."""
+        like, count = gaussians.select(self.tiles_like), len(self.tiles)
+        sizes = self.tile_scales[:, None] * np.ones((1, 2))
+        ground = replace(
             like,
-            means=self.bed.astype(np.float32),
+            means=self.tiles.astype(np.float32),
             quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-            log_scales=np.log(scales),
-            opacity_logits=logit(np.full(count, BED_OPACITY, np.float32)),
-            sh_dc=dc_from_color(self.bed_colors).astype(np.float32),
+            log_scales=np.log(np.c_[sizes, np.full(count, THICKNESS)]).astype(np.float32),
+            opacity_logits=logit(np.full(count, TILE_OPACITY, np.float32)),
+            sh_dc=dc_from_color(self.tile_colors).astype(np.float32),
             sh_rest=np.zeros_like(like.sh_rest),
         )
+        if self.backdrop is None:
+            return ground
+        return concatenate_gaussians([ground, replace(self.backdrop, features=gaussians.features[self.backdrop_like])])
+
+
+def plan_nothing() -> FillPlan:
+    """A plan that leaves the ground as it is."""
+    rows, places = np.zeros(0, np.int64), np.zeros((0, 3))
+    return FillPlan(places, places, rows, np.zeros(0), rows)
 
 
 def plan_fill(
@@ -79,29 +94,43 @@ def plan_fill(
     known: Bool[ndarray, "a b"],
     rng: np.random.Generator,
 ) -> FillPlan:
-    """Plan which splats are copied where; only `known` cells are copied. Raises EditError where there are none."""
+    """Plan which ground is copied where; only `known` cells are copied. Raises EditError where there are none.
+
+    Pieces are chosen cell by cell; colours are copied in a finer grid, where their seams are blended.
+    """
     grid = ground.grid
     values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
     sources = choose_source_cells(values, known, hole, rng)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
-    cells = np.argwhere(hole)
-    origins = sources[tuple(cells.T)]
     level = _estimate_road_level(ground, known)
-    lift = level[tuple(cells.T)] - level[tuple(origins.T)]
-    rows, targets = _match_splats(grid, near, ground, origins)
-    shifts = np.zeros((len(rows), 3))
-    shifts[:, :2] = grid.size * (cells[targets] - origins[targets]) @ grid.axes
-    shifts[:, 2] = shifts[:, :2] @ np.array(grid.plane[1:]) + lift[targets]
-    places = grid.lift_to_ground(grid.compute_centers(cells))
-    places[:, 2] += ground.height[tuple(origins.T)] + lift - BED_DEPTH
+    copied = np.maximum(sources, 0)
+    heights = np.where(hole, (ground.height - level)[copied[..., 0], copied[..., 1]] + level, ground.height)
+    fine = build_ground_map(refine_grid(grid, DETAIL), near)
+    offsets = np.repeat(np.repeat(sources - np.indices(hole.shape).transpose(1, 2, 0), DETAIL, 0), DETAIL, 1) * DETAIL
+    fine_hole, fine_known = (np.kron(each, np.ones((DETAIL, DETAIL), bool)) for each in (hole, known))
+    colors = blend_copies(fine.color, fine_known, fine_hole, offsets)
+    surface = _lay_tiles(fine.grid, fine_hole, np.kron(heights, np.ones((DETAIL, DETAIL))))
+    bed = _lay_tiles(grid, hole, heights - BED_DEPTH)
+    bed_colors = colors.reshape(hole.shape[0], DETAIL, hole.shape[1], DETAIL, 3).mean(axis=(1, 3))[hole]
+    places = np.concatenate([surface, bed])
     flat = np.flatnonzero(ground.ground)
-    like = flat[_find_nearest_rows(grid, near, flat, origins)]
-    colors = np.clip(ground.color[tuple(origins.T)], 0, 1)
+    origins = np.concatenate([np.argwhere(fine_hole) // DETAIL, np.argwhere(hole)])
+    like = flat[_find_nearest_rows(grid, near, flat, sources[tuple(origins.T)])]
+    scales = TILE_SPREAD * np.repeat([fine.grid.size, grid.size], [len(surface), len(bed)])
     return FillPlan(
-        near.rows[rows], shifts, places, colors, near.rows[like], BED_SPREAD * grid.size,
+        places, np.clip(np.concatenate([colors[fine_hole], bed_colors]), 0, 1), near.rows[like], scales,
         near.rows[_find_replaced(grid, near, hole)],
     )  # fmt: skip
+
+
+def _lay_tiles(
+    grid: GroundGrid, hole: Bool[ndarray, "a b"], heights: Float64[ndarray, "a b"]
+) -> Float64[ndarray, "h 3"]:
+    """Middles of the hole's cells at `heights` (metres) above the plane."""
+    places = grid.lift_to_ground(grid.compute_centers(np.argwhere(hole)))
+    places[:, 2] += heights[hole]
+    return places
 
 
 def _estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
@@ -111,19 +140,6 @@ def _estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float
     weights = ndimage.gaussian_filter(low.astype(np.float64), spread, mode="nearest")
     sums = ndimage.gaussian_filter(np.where(low, ground.height, 0), spread, mode="nearest")
     return sums / np.maximum(weights, 1e-6)
-
-
-def _match_splats(
-    grid: GroundGrid, near: Neighborhood, ground: GroundMap, origins: Int64[ndarray, "h 2"]
-) -> tuple[Int64[ndarray, " s"], Int64[ndarray, " s"]]:
-    """Splats of the neighbourhood whose middle lies in a source cell, and the hole's cell they are copied to."""
-    flat = np.flatnonzero(ground.ground)
-    cells = grid.find_cells(near.means[flat])
-    flat, cells = flat[grid.contains(cells)], cells[grid.contains(cells)]
-    index = RowIndex((cells @ np.array([grid.shape[1], 1])).astype(np.uint32))
-    found = [index.rows((number,)) for number in (origins @ np.array([grid.shape[1], 1])).tolist()]
-    targets = np.repeat(np.arange(len(origins)), [len(rows) for rows in found])
-    return flat[np.concatenate([np.zeros(0, np.int64), *found])], targets
 
 
 def _find_nearest_rows(

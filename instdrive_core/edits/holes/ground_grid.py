@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64
@@ -73,6 +73,11 @@ class GroundGrid:
         """How many of `cells` name each cell of the shape."""
         flat = np.ravel_multi_index(tuple(cells[self.contains(cells)].T), self.shape)
         return np.bincount(flat, minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
+
+
+def refine_grid(grid: GroundGrid, factor: int) -> GroundGrid:
+    """Divide each cell of a lattice into `factor` × `factor` cells."""
+    return replace(grid, size=grid.size / factor, shape=(grid.shape[0] * factor, grid.shape[1] * factor))
 
 
 @dataclass(frozen=True)

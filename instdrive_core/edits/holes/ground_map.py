@@ -26,6 +26,10 @@ SMOOTHING = 0.8
 """… but an average over their neighbours with this standard deviation in cells."""
 STANDING_BAND = (0.4, 2.5)
 """Metres above the plane at which something stands on the ground."""
+WALL_BAND = (0.4, 6.0)
+"""Metres above the plane at which walls are looked for: cars hide their lower part."""
+WALL_SHARE = 0.35
+"""Share of a line along the lane in which something must stand for it to be a wall's, gates and gaps included."""
 MIN_COVER = 0.6
 """Share of light that solid ground stops."""
 
@@ -80,3 +84,13 @@ def _fill_bare_cells(raster: GroundRaster) -> Float64[ndarray, "a b v"]:
 def find_solid_cells(ground: GroundMap) -> Bool[ndarray, "a b"]:
     """Cells with solid ground in them or close around: it may lie in lines, as a LiDAR saw it."""
     return np.asarray(ndimage.uniform_filter(ground.cover, 3, mode="nearest")) >= MIN_COVER / 2
+
+
+def find_walls(grid: GroundGrid, near: Neighborhood) -> Bool[ndarray, "a b"]:
+    """Lines along the lane in which walls, fences or hedges stand, as cells, whatever hides a part of them."""
+    heights = grid.compute_heights(near.means)
+    upright = (near.opacities >= SOLID_OPACITY) & ~near.compact & (near.scales.max(axis=1) <= MAX_SPLAT)
+    upright &= (heights >= WALL_BAND[0]) & (heights <= WALL_BAND[1])
+    taken = grid.count_cells(grid.find_cells(near.means[upright])) > 0
+    broad = np.asarray(ndimage.maximum_filter1d(taken.astype(np.uint8), 3, axis=1), bool)
+    return np.broadcast_to(broad.mean(axis=0) >= WALL_SHARE, grid.shape).copy()

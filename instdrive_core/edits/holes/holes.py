@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,9 +16,10 @@ from instdrive_core.edits.holes.cast_shadow import find_cast_shadow
 from instdrive_core.edits.holes.free_space import Occluder, build_occluder, count_sightings
 from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.ground_map import GroundMap, build_ground_map, find_solid_cells
+from instdrive_core.edits.holes.ground_map import GroundMap, build_ground_map, find_solid_cells, find_walls
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane
 from instdrive_core.edits.holes.kept_footprint import find_kept_footprint
+from instdrive_core.edits.holes.photo_evidence import Look
 from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject, Surroundings, find_standing_objects
 from instdrive_core.edits.queries.placement import SOLID_OPACITY
 
@@ -43,6 +45,8 @@ EDGE = 0.4
 """Metres around what stands on the ground that its paint and its darkness bleed into the ground."""
 MIN_AREA = 0.15
 """Square metres: smaller holes are gaps between splats."""
+BARE_COVER = 0.5
+"""Share of light that cells stop at most through which the sky would show."""
 MAX_ISLAND = 0.6
 """Square metres of right-looking ground that a hole around it takes in."""
 FOOTPRINT_MARGIN = 0.15
@@ -58,6 +62,8 @@ class Hole:
     """Never seen."""
     shadow: Int64[ndarray, "s 2"]
     """Seen, but in the shadow of what was deleted."""
+    behind: tuple[int, ...] = ()
+    """Deleted instances that hid more than ground from all photos."""
 
     @property
     def area(self) -> float:
@@ -75,15 +81,19 @@ class Hole:
         return self.grid.compute_corners(self.cells)
 
 
-def find_hole(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | None:
+def find_hole(
+    found: Surroundings, residue: Int64[ndarray, " r"], looks: Sequence[Look] = (), behind: tuple[int, ...] = ()
+) -> Hole | None:
     """The ground that a deletion uncovers and no photo showed; None where there is no ground around.
 
-    `residue` are rows that are left of what was deleted: they neither cover the ground nor stand on it.
+    `residue` are rows that are left of what was deleted, or that no photo showed: they neither cover the ground nor
+    stand on it. `looks` are the photos that show what was deleted, `behind` the instances that hid more than ground.
     """
-    grid = build_ground_grid(found)
+    around = found.around.exclude(residue)
+    grid = build_ground_grid(replace(found, around=around))
     if grid is None:
         return None
-    ground = build_ground_map(grid, found.around.exclude(residue))
+    ground = build_ground_map(grid, around)
     kept = find_kept_footprint(found.kept, grid)
     footprint, reached = _find_footprints(grid, found.deleted, kept)
     hidden, uncovered = _find_hidden_cells(grid, found)
@@ -96,9 +106,49 @@ def find_hole(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | None
     wrong = candidates & ~_find_plausible_cells(ground, clean, candidates)
     missing = footprint & ~find_solid_cells(ground)
     closed = _close_gaps(wrong, candidates, ground.obstructed | kept, grid.size)
-    hole = keep_large_parts(closed | missing, grid.size, MIN_AREA)
+    bare = _find_bare_cells(grid, ground, around, looks, found.place) & (footprint | ~ground.obstructed) & ~kept
+    hole = keep_large_parts(closed | missing | bare, grid.size, MIN_AREA)
     shadow = find_cast_shadow(ground, clean, footprint, hole)
-    return Hole(grid, np.argwhere(hole), np.argwhere(shadow))
+    return Hole(grid, np.argwhere(hole), np.argwhere(shadow), behind)
+
+
+def _find_bare_cells(
+    grid: GroundGrid, ground: GroundMap, near: Neighborhood, looks: Sequence[Look], place: Float64[ndarray, "3"]
+) -> Bool[ndarray, "a b"]:
+    """Cells without ground that a photo would show where it showed what was deleted, up to what stands behind."""
+    points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
+    shown = np.zeros(len(points), bool)
+    walls = ground.obstructed | find_walls(grid, near)
+    for look in looks:
+        pixels, depths = look.camera.project(points)
+        columns, lines = np.floor(np.where(depths[:, None] > 0, pixels, -1)).clip(-1, 1 << 20).astype(np.int64).T
+        height, width = look.silhouette.shape
+        framed = (depths > 0) & (columns >= 0) & (columns < width) & (lines >= 0) & (lines < height)
+        hit = np.flatnonzero(framed & ~shown)
+        hit = hit[look.open[lines[hit], columns[hit]]]
+        shown[hit[_is_free_way(grid, walls, place, look.camera.position, points[hit])]] = True
+    bare = np.asarray(ndimage.binary_closing(shown.reshape(grid.shape), np.ones((3, 3))), bool)
+    return bare & (ground.cover < BARE_COVER)
+
+
+def _is_free_way(
+    grid: GroundGrid,
+    walls: Bool[ndarray, "a b"],
+    place: Float64[ndarray, "3"],
+    eye: Float64[ndarray, "3"],
+    points: Float64[ndarray, "n 3"],
+) -> Bool[ndarray, " n"]:
+    """Whether no wall stands between the place of what was deleted and each point, seen from `eye`, from above."""
+    free = np.ones(len(points), bool)
+    start = np.linalg.norm(place[:2] - eye[:2])
+    offsets = points[:, :2] - eye[:2]
+    lengths = np.linalg.norm(offsets, axis=1)
+    for distance in np.arange(start, lengths.max(initial=0.0), grid.size):
+        on_way = np.flatnonzero(free & (lengths > distance + grid.size))
+        cells = grid.find_cells(eye[:2] + offsets[on_way] * (distance / lengths[on_way])[:, None])
+        inside = grid.contains(cells)
+        free[on_way[inside][walls[tuple(cells[inside].T)]]] = False
+    return free
 
 
 def _close_gaps(
@@ -117,8 +167,11 @@ def build_ground_grid(found: Surroundings) -> GroundGrid | None:
     """Cells along the lane, on the plane of the ground; None where there are too few splats for one."""
     near = found.around
     offsets = near.means - found.place.astype(np.float32)
-    close = (np.hypot(offsets[:, 0], offsets[:, 1]) <= PLANE_RADIUS) & (np.abs(offsets[:, 2]) <= PLANE_BAND)
-    plane = fit_ground_plane(offsets[close & (near.opacities >= SOLID_OPACITY) & ~near.compact])
+    solid = (near.opacities >= SOLID_OPACITY) & ~near.compact & (np.abs(offsets[:, 2]) <= PLANE_BAND)
+    solid &= np.hypot(offsets[:, 0], offsets[:, 1]) <= PLANE_RADIUS
+    plane = fit_ground_plane(offsets[solid])
+    if plane is None:  # walls all around: what stood there stood on what lies below its middle
+        plane = fit_ground_plane(offsets[solid & (offsets[:, 2] <= 0)])
     if plane is None:
         return None
     shape = (round(2 * HALF_LENGTH / CELL), round(2 * HALF_WIDTH / CELL))

@@ -17,6 +17,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.queries.compact_objects import build_body, is_compact, keep_main_node
 from instdrive_core.errors import EditError
+from instdrive_core.instances.floaters import DEFAULT_CONFIG as FLOATERS
 from instdrive_core.instances.floaters import match_floaters
 from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject
 from instdrive_core.maths.spherical_harmonics import color_from_dc
@@ -124,6 +125,19 @@ def find_floaters_around(
             break
         found = np.concatenate([found, joined])
     return np.sort(found)
+
+
+def find_rows_close_to(
+    document: Document, instance_id: int, members: Int64[ndarray, " m"], rows: Int64[ndarray, " n"]
+) -> Int64[ndarray, " k"]:
+    """Those of `rows` that lie in or close around the body that `members` span; none where they span none."""
+    members = keep_main_node(document, members)
+    body = build_body(document, instance_id, members)
+    if body is None:
+        return np.zeros(0, np.int64)
+    local = (document.compute_means(rows).astype(np.float64) - body.center) @ body.axes
+    near = body.holds(local, FLOATERS.growth, FLOATERS.margin) & (local[:, 2] > body.floor)
+    return rows[near]
 
 
 def _find_strays(

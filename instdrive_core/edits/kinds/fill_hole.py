@@ -7,11 +7,14 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Int64
+from numpy import ndarray
 
 from instdrive_core.edits.bases.append import Addition, AppendEdit
 from instdrive_core.edits.bases.flags import FlagChange
 from instdrive_core.edits.bases.parameters import (
     Vector,
+    check_ids,
     check_number,
     check_number_list,
     check_switch,
@@ -21,19 +24,18 @@ from instdrive_core.edits.bases.parameters import (
 from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
+from instdrive_core.edits.holes.backdrop import plan_backdrop
 from instdrive_core.edits.holes.cast_shadow import find_shaded_cells
-from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill
+from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill, plan_nothing
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
+from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, gather_photo_evidence
 from instdrive_core.edits.holes.surroundings import find_neighborhood
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.compact_objects import SYNTHETIC
 from instdrive_core.errors import EditError
-from instdrive_core.scene.gaussians import concatenate_gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import copy_transformed
-
-SYNTHETIC = "synthetic"
-"""Name of the per-splat column that is 1 for splats no photo was the reason for, and the class of their instances."""
 
 
 @dataclass
@@ -61,13 +63,16 @@ class FillHole(AppendEdit):
     """Seed of the choice among pieces of ground that fit equally well."""
     lit: bool = False
     """Whether the hole lies in the sun, so that ground in the shadow of other things is not copied."""
+    behind: tuple[int, ...] = ()
+    """Deleted instances: what no photo reached past them is closed, too, and what it showed instead is deleted."""
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
     _new_column: bool = field(default=False, init=False, repr=False, compare=False)
     _filling: FillPlan | None = field(default=None, init=False, repr=False, compare=False)
     _planned_for: bytes = field(default=b"", init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self.cells = _check_cells(self.cells)
+        self.behind = check_ids(self.behind) if self.behind else ()
+        self.cells = _check_cells(self.cells, may_be_none=bool(self.behind))
         (x, y), (ax, ay) = check_number_list(self.corner, "corner", 2), check_number_list(self.along, "along", 2)
         if not 0.99 < np.hypot(ax, ay) < 1.01:
             raise EditError(f"along {self.along!r} is no unit vector")
@@ -137,20 +142,20 @@ class FillHole(AppendEdit):
         assert self._filling is not None
         filling, scene = self._filling, document.scene
         entry = replace(create_instances(document, [None])[0], name=self.name, class_name=SYNTHETIC)
-        copies = copy_transformed(scene.gaussians, document.transforms, filling.sources)
-        copies.means = (copies.means + filling.shifts).astype(np.float32)
-        rows = np.concatenate([filling.sources, filling.bed_like])
+        rows = filling.likes
         count = len(rows)
         extra = {name: column[rows] for name, column in scene.extra.items()}
         extra[SYNTHETIC] = np.ones(count, scene.extra[SYNTHETIC].dtype)
         added = Scene(
-            concatenate_gaussians([copies, filling.build_bed(scene.gaussians)]),
+            filling.build_splats(scene.gaussians),
             np.full(count, entry.id, np.uint32),
             scene.codewords[rows],
             np.zeros(count, np.uint16),
             extra=extra,
         )
+        # What stands behind has the colours that are shown already.
         colors = document.colors.indices[rows]
+        colors[count - len(filling.backdrop_like) :] = 0
         return Addition(added, colors, np.zeros(count, np.uint16), (entry,))
 
     def _drop_column(self, document: Document) -> None:
@@ -159,6 +164,25 @@ class FillHole(AppendEdit):
             self._new_column = False
 
     def _plan(self, document: Document) -> FillPlan:
+        rng = np.random.default_rng(self.seed)  # bare, so that saved projects replay: see `maths.streams`
+        evidence = self._gather_evidence(document)
+        lost = np.zeros(0, np.int64) if evidence is None else evidence.lost
+        plan = self._plan_ground(document, lost, rng) if self.cells else plan_nothing()
+        if evidence is None:
+            return plan
+        plan = replace(plan, replaced=np.union1d(plan.replaced, lost))
+        left = np.setdiff1d(np.arange(len(document.scene)), plan.replaced, assume_unique=True)
+        deleted = document.state.find_mask(Flag.DELETED)
+        ground = plan.build_splats(document.scene.gaussians)
+        backdrop = plan_backdrop(bake_document(document, rows=left), ground, evidence.looks, rng)
+        return replace(plan, backdrop=backdrop.gaussians, backdrop_like=left[~deleted[left]][backdrop.like])
+
+    def _gather_evidence(self, document: Document) -> PhotoEvidence | None:
+        rows = [document.find_rows((number,)) for number in self.behind if number in document.scene.table]
+        deleted = document.state.find_mask(Flag.DELETED)
+        return gather_photo_evidence(document, [each[deleted[each]] for each in rows]) if rows else None
+
+    def _plan_ground(self, document: Document, lost: Int64[ndarray, " l"], rng: np.random.Generator) -> FillPlan:
         cells = np.array(self.cells, np.int64)
         grid = GroundGrid(self.corner, self.along, self.size, (1, 1), self.plane)
         middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
@@ -172,15 +196,14 @@ class FillHole(AppendEdit):
             raise EditError(f"the hole is longer than {2 * HALF_LENGTH:g} m or wider than {2 * HALF_WIDTH:g} m")
         hole[tuple(inside.T)] = True
         place = grid.lift_to_ground(grid.compute_centers((middle - start)[None]))[0]
-        near = find_neighborhood(document, place)
+        near = find_neighborhood(document, place).exclude(lost)
         ground, known = find_known_ground(document, grid, near)
         if self.lit:
             known &= ~find_shaded_cells(ground, known)
-        rng = np.random.default_rng(self.seed)  # bare, so that saved projects replay: see `maths.streams`
         return plan_fill(near, hole, ground, known, rng)
 
 
-def _check_cells(cells: Sequence[object]) -> tuple[tuple[int, int], ...]:
+def _check_cells(cells: Sequence[object], may_be_none: bool) -> tuple[tuple[int, int], ...]:
     pairs = []
     for cell in cells:
         if not isinstance(cell, tuple | list):
@@ -189,7 +212,7 @@ def _check_cells(cells: Sequence[object]) -> tuple[tuple[int, int], ...]:
         if len(cell) != 2 or len(whole) != 2:
             raise EditError(f"cell {cell!r} is not two whole numbers")
         pairs.append((whole[0], whole[1]))
-    if not pairs:
+    if not pairs and not may_be_none:
         raise EditError("a hole without cells cannot be filled")
     return tuple(sorted(set(pairs)))
 
@@ -198,4 +221,5 @@ def make_fill_hole(hole: Hole, name: str, seed: int = 0) -> FillHole:
     """The edit that fills a hole and replaces the ground in the shadow."""
     grid = hole.grid
     cells = tuple((along, across) for along, across in np.concatenate([hole.cells, hole.shadow]).tolist())
-    return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, lit=len(hole.shadow) > 0)
+    lit = len(hole.shadow) > 0
+    return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, lit, hole.behind)

@@ -70,7 +70,7 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
     before = psnr(bake_document(document), street.empty, mask, camera)
     document.apply(report.make_fill_edit())
     after = psnr(bake_document(document), street.empty, mask, camera)
-    assert after > 30, (before, after)
+    assert after > 28, (before, after)
     assert before < 15, (before, after)
 
 
@@ -82,8 +82,9 @@ def test_copies_lie_on_the_ground_in_its_colours(street):
     assert (fill.name, fill.class_name, fill.count) == ("fill of Car 7", "synthetic", len(document.scene) - count)
     rows = np.arange(count, len(document.scene))
     means, colors = document.compute_means(rows), color_from_dc(document.scene.gaussians.sh_dc[rows])
-    road, pavement = means[:, 0] < 2.9, means[:, 0] > 3.1
     heights = means[:, 2] - 0.02 * means[:, 1]
+    low = heights < 0.3  # the wall behind was hidden, too
+    road, pavement = low & (means[:, 0] < 2.9), low & (means[:, 0] > 3.1)
     assert abs(np.median(heights[road])) < 0.03
     if pavement.any():
         assert abs(np.median(heights[pavement]) - KERB) < 0.05
@@ -146,8 +147,11 @@ def test_copies_wear_the_colour_of_recoloured_ground(street):
     document.apply(RecolorInstances((1,), "solid", (0.0, 0.0, 1.0)))
     count = len(document.scene)
     document.apply(report.make_fill_edit())
-    copied = np.isin(document.colors.indices[count:], np.unique(document.colors.indices[document.find_rows((1,))]))
-    assert copied.mean() > 0.5
+    means, entries = document.scene.gaussians.means[count:], document.colors.indices[count:]
+    road = (means[:, 0] < 2.9) & (means[:, 2] < 0.15)
+    copied = np.isin(entries, np.unique(document.colors.indices[document.find_rows((1,))]))
+    assert copied[road].mean() > 0.9
+    assert copied[~road].mean() < 0.1
 
 
 def test_a_fill_without_ground_around_is_refused(street):

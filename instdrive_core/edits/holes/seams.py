@@ -1,0 +1,58 @@
+"""Seams between copied pieces: gradients are copied instead of colours (Pérez, Gangnet & Blake 2003)."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import splu
+
+HOLD = 0.01
+"""Weight of the copied colours beside that of their gradients: a stain at the rim does not colour the whole hole."""
+
+
+def blend_copies(
+    picture: Float64[ndarray, "a b v"],
+    known: Bool[ndarray, "a b"],
+    hole: Bool[ndarray, "a b"],
+    offsets: Int64[ndarray, "a b 2"],
+    hold: float = HOLD,
+) -> Float64[ndarray, "a b v"]:
+    """The picture with copies in its hole, each cell's from `offsets` away, that meet each other and `known` cells
+    without a step: screened Poisson equation. Cells that are neither known nor of the hole do not count."""
+    cells, result = np.argwhere(hole), picture.copy()
+    count, limit = len(cells), np.array(hole.shape) - 1
+    copied = picture[tuple((cells + offsets[hole]).T)]
+    if not count:
+        return result
+    numbers = np.full(hole.shape, -1)
+    numbers[hole] = np.arange(count)
+    degree, right = np.full(count, hold), hold * copied
+    rows, columns = [], []
+    for step in np.array([[0, 1], [0, -1], [1, 0], [-1, 0]]):
+        beside = cells + step
+        inside = ((beside >= 0) & (beside <= limit)).all(axis=1)
+        beside = np.clip(beside, 0, limit)
+        there, filled = known[tuple(beside.T)] & inside, hole[tuple(beside.T)] & inside
+        mine = copied - picture[tuple(np.clip(beside + offsets[hole], 0, limit).T)]
+        other = numbers[tuple(beside.T)]
+        theirs = picture[tuple(np.clip(cells + offsets[tuple(beside.T)], 0, limit).T)] - copied[np.maximum(other, 0)]
+        gradient = np.where(filled[:, None], (mine + theirs) / 2, mine)
+        used = there | filled
+        degree += used
+        right += np.where(used[:, None], gradient, 0)
+        right += np.where((there & ~filled)[:, None], picture[tuple(beside.T)], 0)
+        rows.append(np.flatnonzero(filled))
+        columns.append(other[filled])
+    links = np.full(sum(len(each) for each in rows), -1.0)
+    diagonal = np.arange(count)
+    matrix = coo_array(
+        (
+            np.concatenate([degree, links]),
+            (np.concatenate([diagonal, *rows]), np.concatenate([diagonal, *columns])),
+        ),
+        shape=(count, count),
+    ).tocsc()
+    result[hole] = splu(matrix).solve(right)
+    return result
