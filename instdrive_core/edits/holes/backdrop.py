@@ -84,7 +84,7 @@ def _close_look(scene: Scene, fills: list[Gaussians], look: Look, rng: np.random
     small = [_shrink(each) for each in (color, alpha, depth * alpha)]
     cover, distance = small[1], small[2] / np.maximum(small[1], 1e-6)
     zoom = np.array(cover.shape) / np.array(look.silhouette.shape)
-    silhouette = ndimage.zoom(look.silhouette.astype(np.float64), zoom, order=1) > 0.25
+    silhouette = np.asarray(ndimage.zoom(look.silhouette.astype(np.float64), zoom, order=1)) > 0.25
     silhouette = silhouette[: cover.shape[0], : cover.shape[1]]
     open_ = silhouette & (cover < MIN_COVER)
     if np.count_nonzero(open_) < MIN_GAP:
