@@ -25,6 +25,7 @@ from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import ViewMode, resolve
 from instdrive_core.errors import InstDriveError
 from instdrive_core.files.atomic import write_bytes
+from instdrive_core.scene.selection import Flag
 
 PICTURE_WIDTH = 960
 FIRST_COLOR, SECOND_COLOR = (0.93, 0.49, 0.10), (0.15, 0.38, 0.80)
@@ -146,9 +147,12 @@ class ScriptedSession:
         found = review.findings
         self._protocol["residue"] = found.residue_count if found else 0
         self._protocol["hole"] = round(found.report.hole_area, 2) if found else 0.0
+        assert self._session.document is not None
         review.absorb()
+        before = len(self._session.document.scene)
         review.fill()
         yield from self._wait_for_jobs()
+        self._protocol["filled"] = len(self._session.document.scene) - before
         yield from self._wait_until_drawn()
 
     def _wait_for_jobs(self) -> Iterator[None]:
@@ -157,12 +161,15 @@ class ScriptedSession:
             yield
 
     def _export(self) -> Iterator[None]:
+        document = self._session.document
+        assert document is not None
         target = self._out / "edited.ply"
         self._session.export.write(target)
         yield from self._wait_for_jobs()
         if self._session.files.last_export != target:
             raise ScriptError(self._session.messages.log[-1].text)
         self._protocol["exported"] = target.name
+        self._protocol["exported_splats"] = int(np.count_nonzero(~document.state.find_mask(Flag.DELETED)))
 
     def _run(self, action: str) -> None:
         if not self._session.actions.run(action):

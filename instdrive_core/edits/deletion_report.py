@@ -128,14 +128,13 @@ def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: fl
 
 
 def _build_report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
-    found, kept = [], []
-    evidence = gather_photo_evidence(document, [part.rows for part in parts])
-    for number, part in enumerate(parts):
+    remainders = [None if part.whole else divide_instance(document, part.instance_id, part.rows) for part in parts]
+    kept = [remainder.kept for remainder in remainders if remainder is not None]
+    evidence = gather_photo_evidence(document, [part.rows for part in parts], kept)
+    found = []
+    for number, (part, remainder) in enumerate(zip(parts, remainders, strict=True)):
         report(0.3 + 0.2 * number / len(parts))
-        remainder = None if part.whole else divide_instance(document, part.instance_id, part.rows)
         found.append(_find_residue(document, part, remainder, evidence))
-        if remainder is not None:
-            kept.append(remainder.kept)
     report(0.5)
     residue = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
     gone = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
@@ -174,4 +173,5 @@ def _find_residue(
         strays = np.union1d(strays[scraps | ~np.isin(strays, evidence.seen)], shown)
     if remainder is None:
         return strays
+    strays = np.setdiff1d(strays, remainder.kept, assume_unique=True)
     return strays[np.isin(strays, remainder.missed) | is_near_deleted(document, strays, remainder)]

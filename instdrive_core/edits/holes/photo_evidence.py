@@ -89,10 +89,13 @@ class PhotoEvidence:
         return np.union1d(self.unseen, self.explained)
 
 
-def gather_photo_evidence(document: Document, groups: Sequence[Int64[ndarray, "_"]]) -> PhotoEvidence | None:
+def gather_photo_evidence(
+    document: Document, groups: Sequence[Int64[ndarray, "_"]], kept: Sequence[Int64[ndarray, "_"]] = ()
+) -> PhotoEvidence | None:
     """Compare the photos' views with and without groups of rows, deleted or not, each of one thing.
 
-    Things that move hid nothing for long, so they are left out; None where nothing is left, or there are no photos.
+    `kept` are rows of the same things that stay: what shines through them was not seen past the thing. Things that
+    move hid nothing for long, so they are left out; None where nothing is left, or there are no photos.
     """
     scene = document.scene
     still = [rows for rows in groups if len(rows) and np.count_nonzero(scene.nodes[rows]) < len(rows) / 2]
@@ -105,12 +108,12 @@ def gather_photo_evidence(document: Document, groups: Sequence[Int64[ndarray, "_
     chosen = _choose_views(scene.views, points)
     if not chosen:
         return None
-    kept = (document.state.flags & Flag.DELETED) == 0
-    kept[rows] = True
-    alive = np.flatnonzero(kept)
+    standing = (document.state.flags & Flag.DELETED) == 0
+    standing[rows] = True
+    alive = np.flatnonzero(standing)
     drawn = copy_transformed(scene.gaussians, document.transforms, alive)
     own = np.isin(alive, rows, assume_unique=True)
-    tally = _Tally(len(alive))
+    tally = _Tally(len(alive), own | np.isin(alive, np.concatenate([np.zeros(0, np.int64), *kept])))
     looks = [tally.add(document, view, camera, drawn, alive, own) for view, camera in chosen]
     doubted = np.flatnonzero(
         (tally.uncovered >= MIN_WEIGHT) & (tally.reaching < MIN_REACHING) & (scene.nodes[alive] == 0)
@@ -132,9 +135,10 @@ def gather_photo_evidence(document: Document, groups: Sequence[Int64[ndarray, "_
 
 
 class _Tally:
-    """Sums over looks, a number per splat that is drawn."""
+    """Sums over looks, a number per splat that is drawn; `body` is what belongs to the things, kept parts included."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, body: Bool[ndarray, " n"]) -> None:
+        self.body = body
         self.beside = np.zeros(count)
         self.explained = np.zeros(count)
         self.uncovered = np.zeros(count)
@@ -166,7 +170,8 @@ class _Tally:
         gone = compute_blend_weights(means, quats, drawn.log_scales, free, camera, hidden, settings)
         self.left.append(gone)
         uncovered = np.bincount(gone.rows, gone.weights, len(alive))
-        beside = _sum_by_row(full, ~silhouette, len(alive))
+        bodies = _sum_by_pixel(full, np.where(self.body[full.rows], full.weights, 0)) >= OWN_SHARE
+        beside = _sum_by_row(full, ~silhouette & ~bodies.reshape(silhouette.shape), len(alive))
         self.beside += beside
         self.explained += _sum_by_row(full, shown, len(alive))  # what lies on its rim shows nothing
         self.uncovered += uncovered

@@ -130,14 +130,18 @@ def find_floaters_around(
 def find_rows_close_to(
     document: Document, instance_id: int, members: Int64[ndarray, " m"], rows: Int64[ndarray, " n"]
 ) -> Int64[ndarray, " k"]:
-    """Those of `rows` that lie in or close around the body that `members` span; none where they span none."""
+    """Those of `rows` that lie in or close around the body that `members` span; none where they span none.
+
+    Beside the body only what is clear of the ground counts: the ground there belongs to the hole.
+    """
     members = keep_main_node(document, members)
     body = build_body(document, instance_id, members)
     if body is None:
         return np.zeros(0, np.int64)
     local = (document.compute_means(rows).astype(np.float64) - body.center) @ body.axes
-    near = body.holds(local, FLOATERS.growth, FLOATERS.margin) & (local[:, 2] > body.floor)
-    return rows[near]
+    clear = local[:, 2] > body.floor + FLOATERS.margin
+    beside = body.holds(local, FLOATERS.growth, FLOATERS.margin) & clear
+    return rows[beside | (body.holds(local) & (local[:, 2] > body.floor))]
 
 
 def _find_strays(

@@ -180,7 +180,10 @@ class FillHole(AppendEdit):
     def _gather_evidence(self, document: Document) -> PhotoEvidence | None:
         rows = [document.find_rows((number,)) for number in self.behind if number in document.scene.table]
         deleted = document.state.find_mask(Flag.DELETED)
-        return gather_photo_evidence(document, [each[deleted[each]] for each in rows]) if rows else None
+        if not rows:
+            return None
+        kept = [each[~deleted[each]] for each in rows]
+        return gather_photo_evidence(document, [each[deleted[each]] for each in rows], kept)
 
     def _plan_ground(self, document: Document, lost: Int64[ndarray, " l"], rng: np.random.Generator) -> FillPlan:
         cells = np.array(self.cells, np.int64)

@@ -56,7 +56,10 @@ def test_a_session_plays_itself_and_leaves_its_pictures(tmp_path):
     assert tuple(pictures["recolored.png"][recolored]) != tuple(pictures["color.png"][recolored])
     left = PlyData.read(out / told["exported"])["vertex"]["instance_id"]
     assert told["picked_id"] not in left
-    assert len(left) == len(scene) - scene.table[told["picked_id"]].count
+    kept = len(scene) - scene.table[told["picked_id"]].count - told["residue"]
+    assert len(left) == told["exported_splats"] <= kept + told["filled"], "the fill replaces what no photo reached"
+    assert len(left) > 0.95 * (kept + told["filled"])
+    assert (told["filled"] > 0) == (told["hole"] > 0)
 
 
 @pytest.mark.gui

@@ -32,7 +32,7 @@ def test_residue_is_absorbed_and_the_hole_filled_by_clicks(window):
         assert box[0] < left < right < box[2], name
         assert box[1] < top < bottom < box[3], name
     window.click_widget("deletion.absorb")
-    window.wait_for_edit("Absorb floaters of instance 7")
+    window.wait_for_edit("Absorb floaters of Car 7")
     state = window.wait_for(lambda state: "deletion.absorb" not in state["widgets"], "the residue to be gone")
     assert state["selected"] == [], "the click was not for the picture"
     window.click_widget("deletion.fill")
