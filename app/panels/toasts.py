@@ -12,6 +12,8 @@ from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_ico
 
 WIDTH = 380.0
 """Width of a toast, in pixels at scale 1."""
+NARROWEST = 200.0
+"""Where there is less room beside the tools, messages cover them."""
 MARGIN = 12.0
 LONGEST = 400
 """Characters of a message that are shown; the log has the whole message."""
@@ -20,12 +22,14 @@ PLACES_TAKEN = ("viewport.legend", "viewport.opacity", "deletion review")
 
 
 def draw_toasts(ui: Ui) -> None:
-    """Stack the present messages above the viewport's lower right corner; a click dismisses one."""
+    """Stack the present messages above the viewport's lower right corner, beside the tools; a click dismisses one."""
     if "viewport" not in ui.marks:
         return
     left, top, right, bottom = ui.marks["viewport"]
     margin = scale_pixels(MARGIN)
-    width = min(scale_pixels(WIDTH), right - left - 2 * margin)
+    tools = max([left, *(place[2] for name, place in ui.marks.items() if name.startswith("tool."))])
+    room = right - tools - 2 * margin
+    width = min(scale_pixels(WIDTH), room if room >= scale_pixels(NARROWEST) else right - left - 2 * margin)
     taken = [ui.marks[name] for name in PLACES_TAKEN if name in ui.marks]
     bottom = min([bottom, *(place[1] for place in taken if place[2] > right - width - margin)]) - margin
     for number, message in enumerate(reversed(ui.session.messages.toasts)):
