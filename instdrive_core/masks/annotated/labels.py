@@ -23,7 +23,8 @@ from instdrive_core.masks.annotated.silhouettes import draw_objects
 from instdrive_core.masks.annotated.stuff_parts import split_stuff
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 from instdrive_core.masks.image.point_drawing import draw_points
-from instdrive_core.masks.image.sky import SkyColors, find_certain_sky, find_sky_seeds
+from instdrive_core.masks.image.sky import find_sky_gaps
+from instdrive_core.masks.image.sky_search import SkySearch
 from instdrive_core.masks.image.spreading import spread_labels
 
 POINT_SIZE = 0.1
@@ -36,8 +37,8 @@ SEAM = 2.0
 THING_REACH = 2
 """Pixels by which a thing may grow beyond its silhouette."""
 WIDE_SURFACES = frozenset(("Building", "Driveway", "Ground", "Road", "Sidewalk"))
-WIDE_REACH, REACH, SKY_REACH = 0.12, 0.0125, 0.25
-"""Distances, as shares of the image's width, up to which wide surfaces, anything else, and the sky spread."""
+WIDE_REACH, REACH = 0.12, 0.0125
+"""Distances, as shares of the image's width, up to which wide surfaces and anything else spread."""
 
 
 def has_annotations(clip: Clip) -> bool:
@@ -77,7 +78,7 @@ class AnnotationLabels:
         self._things = range(min(self.cloud.tracks, default=self._sky), self._sky)
         self.first_thing = len(self.stuff.label_of_part)
         """ID of the first thing; stuff has lower ones, those of its parts."""
-        self._sky_colors = self._learn_colors(clip)
+        self._sky_search = SkySearch(clip, lambda frame: self._draw(frame)[0] != OPEN)
         self._last: tuple[str, _FrameLabels] | None = None
 
     @property
@@ -146,11 +147,12 @@ class AnnotationLabels:
         image, camera = frame.load_image(), frame.view.camera
         labels, parts = self._draw(frame)
         things = ndimage.binary_dilation(labels >= self._things.start, iterations=THING_REACH)
-        labels[find_sky_seeds(labels != OPEN, image, camera, self._sky_colors)] = self._sky
+        labels[self._sky_search.find_seeds(labels != OPEN, image, camera)] = self._sky
         opened = open_borders(labels, BORDER)
         filled = spread_labels(opened, image, self._compute_limits(camera.width), things, self._things)
         seams = np.full(self._sky + 1, SEAM, np.float32)
         closed = spread_labels(filled, np.zeros_like(image), seams, things, self._things)
+        closed[find_sky_gaps(closed == OPEN, closed == self._sky, camera)] = self._sky
         return _FrameLabels(closed, build_part_map(closed, parts, self.stuff.label_of_part))
 
     def _draw(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], UInt32[ndarray, "h w"]]:
@@ -160,21 +162,9 @@ class AnnotationLabels:
         draw_objects(self.cloud, frame.view, drawn, depths)
         return np.where(np.isfinite(depths), drawn.astype(np.int32), OPEN), parts
 
-    def _learn_colors(self, clip: Clip) -> SkyColors:
-        """Learn what sky and surfaces look like in a few steps of the clip."""
-        colors = SkyColors()
-        steps = sorted({frame.view.index for frame in clip.training_frames})
-        chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
-        for frame in clip.training_frames:
-            if frame.view.index in chosen:
-                image, surface = frame.load_image(), self._draw(frame)[0] != OPEN
-                colors.add(image, find_certain_sky(surface, image, frame.view.camera), surface)
-        return colors
-
     def _compute_limits(self, width: int) -> Float32[ndarray, " l"]:
         limits = np.full(self._sky + 1, REACH, np.float32)
         limits[[number for number, one in self.cloud.instances.items() if one.class_name in WIDE_SURFACES]] = WIDE_REACH
-        limits[self._sky] = SKY_REACH
         return limits * np.float32(width)
 
 

@@ -9,7 +9,8 @@ from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.masks.image.point_drawing import draw_points
-from instdrive_core.masks.image.sky import LOWEST_SKY, MAX_CONTRAST, SkyColors, find_certain_sky, find_sky_seeds
+from instdrive_core.masks.image.sky import LOWEST_SKY, MAX_CONTRAST
+from instdrive_core.masks.image.sky_search import SkySearch
 from instdrive_core.scene.camera import Camera
 
 POINT_SIZE = 0.2
@@ -31,9 +32,9 @@ class SkyFinder:
 
     def __init__(self, clip: Clip) -> None:
         self._points = _gather_points(clip)
-        self._colors = SkyColors()
+        self._search: SkySearch | None = None
         if len(self._points):
-            self._learn_colors(clip)
+            self._search = SkySearch(clip, lambda frame: self._find_supported(frame.view.camera))
 
     def find(
         self, image: UInt8[ndarray, "h w 3"], camera: Camera, labels: UInt32[ndarray, "h w"]
@@ -42,9 +43,9 @@ class SkyFinder:
 
         Where the clip has LiDAR, masks give the sky its border, and sky that no mask claims is found as well.
         """
-        if not len(self._points):
+        if self._search is None:
             return find_sky_by_looks(image, camera, labels)
-        seeds = find_sky_seeds(self._find_supported(camera), image, camera, self._colors)
+        seeds = self._search.find_seeds(self._find_supported(camera), image, camera)
         sizes = np.bincount(labels.ravel())
         seen_through = np.bincount(labels[seeds], minlength=len(sizes))
         is_sky = seen_through > SEEN_THROUGH * sizes
@@ -57,16 +58,6 @@ class SkyFinder:
         """Find pixels in which LiDAR met a surface at any time."""
         ids = np.ones(len(self._points), np.uint32)
         return draw_points(self._points, ids, camera, POINT_SIZE)[0] > 0
-
-    def _learn_colors(self, clip: Clip) -> None:
-        """Learn what the sky looks like in a few steps of the clip."""
-        frames = clip.training_frames
-        steps = sorted({frame.view.index for frame in frames})
-        chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
-        for frame in frames:
-            if frame.view.index in chosen:
-                image, surface = frame.load_image(), self._find_supported(frame.view.camera)
-                self._colors.add(image, find_certain_sky(surface, image, frame.view.camera), surface)
 
 
 def find_sky_by_looks(

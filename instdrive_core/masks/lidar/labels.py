@@ -14,7 +14,8 @@ from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.masks.annotated.labels import OPEN, open_borders
 from instdrive_core.masks.image.point_drawing import draw_points
-from instdrive_core.masks.image.sky import SkyColors, find_certain_sky, find_sky_seeds
+from instdrive_core.masks.image.sky import find_sky_gaps
+from instdrive_core.masks.image.sky_search import SkySearch
 from instdrive_core.masks.image.spreading import spread_labels
 from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, THING, VEGETATION
 from instdrive_core.masks.lidar.regions import draw_things, fill_label_holes, vote_by_superpixel
@@ -32,8 +33,8 @@ MIN_PIXELS = 40
 SEAM = 2.0
 """Pixels: gaps this wide along edges too strong to spread into are closed without looking at the photo."""
 REACHES = {GROUND: 0.12, FACADE: 0.06, VEGETATION: 0.03}
-REACH, SKY_REACH = 0.0125, 0.25
-"""Distances, as shares of the image's width, up to which wide surfaces, things, and the sky spread."""
+REACH = 0.0125
+"""Distances, as shares of the image's width, up to which wide surfaces, and things and the sky spread."""
 
 
 class LidarLabels:
@@ -53,7 +54,7 @@ class LidarLabels:
             raise DataError(clip.path, "has no LiDAR sweeps to make masks of", remedy)
         self._scene: LidarScene = build_lidar_scene(clip)
         self._things = self._scene.group_things()
-        self._sky_colors = self._learn_colors(clip)
+        self._sky_search = SkySearch(clip, lambda frame: self._draw(frame.view.camera, frame.view.time)[0] != OPEN)
         self._last: tuple[str, Int32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
@@ -83,11 +84,12 @@ class LidarLabels:
         sky = len(originals)
         things = range(int(np.searchsorted(originals, self._scene.first_thing)), sky)
         reachable = np.asarray(ndimage.binary_dilation(seeds >= things.start, iterations=THING_REACH))
-        seeds[find_sky_seeds(seeds != OPEN, image, camera, self._sky_colors)] = sky
+        seeds[self._sky_search.find_seeds(seeds != OPEN, image, camera)] = sky
         voted = vote_by_superpixel(open_borders(seeds, BORDER), image, reachable, things)
         limits = self._compute_limits(originals, camera.width)
         filled = spread_labels(voted, image, limits, reachable, things)
         filled = spread_labels(filled, np.zeros_like(image), np.full(sky + 1, SEAM, np.float32), reachable, things)
+        filled[find_sky_gaps(filled == OPEN, filled == sky, camera)] = sky
         filled = fill_label_holes(filled, depths, int(np.searchsorted(originals, GROUND)), things)
         back = np.append(originals, 0).astype(np.int32)
         return np.where(filled == OPEN, OPEN, back[filled]), filled == sky
@@ -101,20 +103,8 @@ class LidarLabels:
 
     def _compute_limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l+1"]:
         kinds = np.append(self._scene.kinds, THING)[np.minimum(originals, len(self._scene.kinds))]
-        shares = [REACHES.get(kind, REACH) for kind in kinds.tolist()] + [SKY_REACH]
+        shares = [REACHES.get(kind, REACH) for kind in kinds.tolist()] + [REACH]
         return np.array(shares, np.float32) * np.float32(width)
-
-    def _learn_colors(self, clip: Clip) -> SkyColors:
-        """Learn what sky and surfaces look like in a few steps of the clip."""
-        colors = SkyColors()
-        steps = sorted({frame.view.index for frame in clip.training_frames})
-        chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
-        for frame in clip.training_frames:
-            if frame.view.index in chosen:
-                image, camera = frame.load_image(), frame.view.camera
-                surface = self._draw(camera, frame.view.time)[0] != OPEN
-                colors.add(image, find_certain_sky(surface, image, camera), surface)
-        return colors
 
 
 def _compact_labels(labels: Int32[ndarray, "h w"]) -> tuple[Int32[ndarray, "h w"], Int32[ndarray, " l"]]:

@@ -14,6 +14,7 @@ from numpy import ndarray
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip, Sweep
+from instdrive_core.masks.image.beams import estimate_sensor_position
 from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, classify_clusters
 from instdrive_core.masks.lidar.cluster_motion import MovingCluster, complete_clusters
 from instdrive_core.masks.lidar.cluster_parts import claim_insides, join_splinters, join_vehicle_parts
@@ -126,13 +127,6 @@ def _select_near_points(clip: Clip, sweep: Sweep) -> _Standing:
     distance = np.linalg.norm(found.points - position.astype(np.float32), axis=1)
     near = distance < MAX_DISTANCE
     return _Standing(sweep, found.points[near], found.sensor[near], distance[near], position)
-
-
-def estimate_sensor_position(clip: Clip, time: float) -> Float64[ndarray, "3"]:
-    """Estimate the place of the LiDAR: amid the cameras at the nearest time."""
-    views = [frame.view for frame in clip.frames]
-    nearest = min((view.time for view in views), key=lambda other: abs(other - time))
-    return np.mean([view.camera.position for view in views if view.time == nearest], axis=0)
 
 
 def _cluster_sweep(one: _Standing, flat: Bool[ndarray, " n"], ground: GroundSurface) -> ClusteredSweep:
