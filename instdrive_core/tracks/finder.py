@@ -11,6 +11,7 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.candidates import find_candidates
 from instdrive_core.tracks.fragments import merge_fragments
+from instdrive_core.tracks.interpenetration import resolve_overlaps
 from instdrive_core.tracks.linking import link_sightings
 from instdrive_core.tracks.motion_tests import may_move
 from instdrive_core.tracks.range_images import Votes, count_votes
@@ -83,4 +84,5 @@ def find_things(
     whole = merge_fragments(movers, clouds, votes)
     on_stage("following on")
     again = drop_covered([solve_again(thing, clouds, votes) for thing in whole], clouds)
-    return [thing for thing in merge_fragments(again, clouds, votes) if is_mover(thing, clouds)]
+    joined = [thing for thing in merge_fragments(again, clouds, votes) if is_mover(thing, clouds)]
+    return resolve_overlaps(joined, clouds, votes)
