@@ -12,7 +12,7 @@ from instdrive_core.tracks.range_images import Votes
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
-INSIDE, OFTEN = 0.35, 0.5
+INSIDE, OFTEN = 0.25, 0.5
 """Share of the smaller box's area that lies in the other, and share of their common sweeps, from which on two things
 are one: lengths that were guessed overlap less."""
 SHARED = 3

@@ -23,6 +23,8 @@ MAX_ROUGHNESS, ROUGHNESS_SHARE = 0.3, 0.015
 EGO_REACH, EGO_DRIFT, EGO_SHARE = 4.0, 0.5, 80
 """Metres: what stays within so many of the sensor and moves against it by no more is part of the recording car. Percent
 of the sweeps in which it must: now and then, one sees a part of it only."""
+EGO_HALF_WIDTH = 1.6
+"""Metres to either side within which the recording car's parts lie; cars in the next lane are farther off."""
 EGO_STEP = 0.5
 """Metres that the recording car must travel to tell where it is headed."""
 LOOSE_RATIO = 0.75
@@ -69,7 +71,7 @@ def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
 def moves_with_ego(places: Float64[ndarray, "t 2"], clouds: list[SweepCloud], sweeps: list[int]) -> bool:
     """Whether places, one in each of some sweeps, stay where they are in the recording car's own frame, near it.
 
-    What creeps beside it in a jam stays at the same distance, too, but not in the same place.
+    What creeps beside it in a jam stays at the same distance, too, but not in the same place, or in another lane.
     """
     offset = places - np.array([clouds[sweep].position[:2] for sweep in sweeps])
     if np.median(np.linalg.norm(offset, axis=1)) > EGO_REACH:
@@ -77,7 +79,10 @@ def moves_with_ego(places: Float64[ndarray, "t 2"], clouds: list[SweepCloud], sw
     heading = _ego_headings(clouds)[sweeps]
     cosine, sine = np.cos(heading), np.sin(heading)
     own = np.column_stack([cosine * offset[:, 0] + sine * offset[:, 1], cosine * offset[:, 1] - sine * offset[:, 0]])
-    drift = np.linalg.norm(own - np.median(own, axis=0), axis=1)
+    middle = np.median(own, axis=0)
+    if abs(middle[1]) > EGO_HALF_WIDTH:
+        return False
+    drift = np.linalg.norm(own - middle, axis=1)
     return bool(np.percentile(drift, EGO_SHARE) < EGO_DRIFT)
 
 
