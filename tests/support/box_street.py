@@ -67,7 +67,8 @@ def _sweep(bodies, time, turn, ego, beams, azimuths, seed):
     directions = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
     )
-    origins = np.stack([[ego(moment) for moment in times], np.zeros(len(times)), np.full(len(times), LIDAR_HEIGHT)], 1)
+    along = np.repeat([ego(moment) for moment in times[::beams]], beams)
+    origins = np.stack([along, np.zeros(len(times)), np.full(len(times), LIDAR_HEIGHT)], 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         ranges = np.where(directions[:, 2] < 0, -LIDAR_HEIGHT / directions[:, 2], np.inf)
         for body in bodies:

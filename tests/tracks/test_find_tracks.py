@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from box_street import Body, box_clip, walls
+from jam_street import jam
 
 from instdrive_core.tracks.finder import find_tracks
 
@@ -137,3 +138,21 @@ def test_held_out_sweeps_are_not_used(traffic):
     again = find_tracks(replace(clip, sweeps=guarded))
     assert [track.id for track in again.tracks] == [track.id for track in found.tracks]
     np.testing.assert_array_equal(again.tracks[0].world_from_box, found.tracks[0].world_from_box)
+
+
+@pytest.fixture(scope="module")
+def stop_and_go():
+    clip, bodies = jam()
+    return clip, bodies, find_tracks(clip)
+
+
+@pytest.mark.parametrize("name", ["ahead", "left", "beside", "drives off", "stops"])
+def test_each_car_of_a_jam_is_one_object(stop_and_go, name):
+    clip, bodies, found = stop_and_go
+    track = track_of(found, clip, bodies[name])
+    assert track.times[-1] - track.times[0] > 0.7 * (clip.sweeps[-1].time - clip.sweeps[0].time)
+    assert np.median(moments(clip, bodies[name], track)) < 0.5
+
+
+def test_nothing_that_stands_in_a_jam_is_found(stop_and_go):
+    assert len(stop_and_go[2].tracks) == len(stop_and_go[1])
