@@ -12,7 +12,7 @@ from instdrive_core.tracks.range_images import Votes
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
-INSIDE, OFTEN = 0.25, 0.5
+INSIDE, OFTEN = 0.2, 0.5
 """Share of the smaller box's area that lies in the other, and share of their common sweeps, from which on two things
 are one: lengths that were guessed overlap less."""
 SHARED = 3
@@ -44,8 +44,10 @@ def stand_in_each_other(first: SolvedThing, second: SolvedThing, clouds: list[Sw
     boxes = first.box(clouds), second.box(clouds)
     small, large = sorted(zip((first, second), boxes, strict=True), key=lambda one: one[1].length * one[1].width)
     times = np.array([clouds[sweep].time for sweep in shared])
-    inside = _measure_overlaps(small[1], small[0].trajectory.poses_at(times), large[1], large[0].trajectory.poses_at(times))
-    return bool(np.mean(inside > INSIDE) > OFTEN)
+    inside = _measure_overlaps(
+        small[1], small[0].trajectory.poses_at(times), large[1], large[0].trajectory.poses_at(times)
+    )
+    return bool(np.mean(inside >= INSIDE) > OFTEN)
 
 
 def _measure_overlaps(

@@ -1,5 +1,5 @@
-"""A jam on three lanes: cars that creep, stop and creep on, one beside the recording car, one that leaves its parking
-space, and one that comes to a stop."""
+"""A jam on three lanes: cars that creep, stop and creep on, one beside the recording car, and one that leaves its
+parking space."""
 
 from __future__ import annotations
 
@@ -36,7 +36,6 @@ def jam(seconds: float = SECONDS) -> tuple[Clip, dict[str, Body]]:
         "left": (6.0, 3.4, drive_by_speeds([0, 0.6, 1.2, 2.0, 2.6, 4.0], [0.0, 0.9, 1.5, 1.4, 0.3, 1.0])),
         "beside": (1.0, -3.4, drive_by_speeds([0, 0.8, 1.6, 2.4, 3.2, 4.0], [1.3, 1.5, 0.7, 0.5, 1.3, 1.4])),
         "drives off": (14.0, -6.4, drive_by_speeds([0, 1.6, 3.2, 4.0], [0.0, 0.0, 3.0, 3.5])),
-        "stops": (-6.0, 6.8, drive_by_speeds([0, 0.8, 2.4, 4.0], [6.0, 6.0, 0.0, 0.0])),
     }
     bodies = {name: along_lane(*way) for name, way in ways.items()}
     houses = [standing(x, side * 14, 0, (4.0, 14.0, 8.0)) for x in range(-20, 50, 20) for side in (1, -1)]
