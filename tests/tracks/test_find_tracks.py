@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from box_street import Body, box_clip, walls
-from jam_street import jam
+from box_street import Body, box_clip, jam, walls
 
 from instdrive_core.tracks.finder import find_tracks
 
