@@ -11,7 +11,8 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.candidates import find_candidates
 from instdrive_core.tracks.fragments import merge_fragments
-from instdrive_core.tracks.linking import link_sightings
+from instdrive_core.tracks.interpenetration import resolve_overlaps
+from instdrive_core.tracks.linking import link_sightings, without_slivers
 from instdrive_core.tracks.motion_tests import may_move
 from instdrive_core.tracks.range_images import Votes, count_votes
 from instdrive_core.tracks.second_pass import drop_covered, solve_again
@@ -75,7 +76,8 @@ def find_things(
     by_sweep = [
         find_candidates(cloud, seen, number) for number, (cloud, seen) in enumerate(zip(clouds, votes, strict=True))
     ]
-    chains = [chain for chain in link_sightings(by_sweep) if may_move(chain, clouds)]
+    linked = [without_slivers(chain) for chain in link_sightings(by_sweep)]
+    chains = [chain for chain in linked if may_move(chain, clouds)]
     on_stage("solving motions")
     solved = [solve_thing(chain.clusters, clouds, first_guesses(chain)) for chain in chains]
     movers = [thing for thing in solved if thing is not None and is_mover(thing, clouds)]
@@ -83,4 +85,5 @@ def find_things(
     whole = merge_fragments(movers, clouds, votes)
     on_stage("following on")
     again = drop_covered([solve_again(thing, clouds, votes) for thing in whole], clouds)
-    return [thing for thing in merge_fragments(again, clouds, votes) if is_mover(thing, clouds)]
+    joined = [thing for thing in merge_fragments(again, clouds, votes) if is_mover(thing, clouds)]
+    return resolve_overlaps(joined, clouds, votes)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
@@ -103,7 +105,9 @@ def join(first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud], vote
     length, width = LORRY if np.percentile(local[:, 2], 98) > TALL else CAR
     if extent[0] > length or extent[1] > width:
         return None
-    return whole if whole.ratio < max(first.ratio, second.ratio, 0.3) + SLACK else None
+    if whole.ratio >= max(first.ratio, second.ratio, 0.3) + SLACK:
+        return None
+    return replace(whole, core_seen=max(first.core_seen, second.core_seen))
 
 
 def union(first: list[Cluster], second: list[Cluster], clouds: list[SweepCloud], votes: list[Votes]) -> list[Cluster]:

@@ -23,6 +23,8 @@ SIZE_WEIGHT, HEIGHT_WEIGHT = 0.5, 0.5
 MAX_COST = 3.5
 SAMPLE = 120
 """Points of a cluster that a displacement is settled by."""
+SLIVER, NEARBY = 0.12, 5
+"""Share of the points of most clusters around, and how many of these before and after, below which one is a sliver."""
 BLEND = 0.5
 """Weight of the newest displacement in a velocity."""
 
@@ -119,3 +121,15 @@ def _shift_between(
     middles = found.middle - last.middle
     guesses = [middles] if is_new or np.linalg.norm(middles - predicted) < 0.1 else [predicted, middles]
     return min((align(first, second, guess) for guess in guesses), key=lambda result: result[1])[0]
+
+
+def without_slivers(chain: Chain) -> Chain:
+    """A chain without the clusters that show a sliver of what others around them show: where the rest looks as if it
+    stood, or hides, the sliver's place says little of the thing's."""
+    counts = np.array([len(one.rows) for one in chain.clusters])
+    around = [counts[max(0, k - NEARBY) : k + NEARBY + 1] for k in range(len(counts))]
+    kept = np.flatnonzero(counts >= SLIVER * np.array([np.median(np.sort(own)[-NEARBY:]) for own in around]))
+    if len(kept) == len(counts):
+        return chain
+    ways = np.concatenate([np.zeros((1, 2)), np.cumsum(np.array(chain.shifts).reshape(-1, 2), axis=0)])
+    return Chain([chain.clusters[k] for k in kept], list(np.diff(ways[kept], axis=0)), chain.velocity)

@@ -20,8 +20,13 @@ MIN_STRAIGHTNESS = 0.6
 """Net way as a share of the path."""
 MAX_ROUGHNESS, ROUGHNESS_SHARE = 0.3, 0.015
 """Metres (root mean square) that places may lie off an even motion, and share of the speed in metres per second."""
-EGO_REACH, EGO_DRIFT = 4.0, 0.5
-"""Metres: what stays within so many of the sensor and moves against it by no more is part of the recording car."""
+EGO_REACH, EGO_DRIFT, EGO_SHARE = 4.0, 0.5, 80
+"""Metres: what stays within so many of the sensor and moves against it by no more is part of the recording car. Percent
+of the sweeps in which it must: now and then, one sees a part of it only."""
+EGO_HALF_WIDTH = 1.6
+"""Metres to either side within which the recording car's parts lie; cars in the next lane are farther off."""
+EGO_STEP = 0.5
+"""Metres that the recording car must travel to tell where it is headed."""
 LOOSE_RATIO = 0.75
 SURE_SEEN = 0.5
 """Share of points at places seen through from which on a chain need only go somewhere: it was cut out roughly."""
@@ -53,7 +58,7 @@ def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
         slack = 2 if is_seen_through else 1
         if np.sqrt(np.mean(off**2)) > slack * (MAX_ROUGHNESS + ROUGHNESS_SHARE * speed):
             continue
-        if moves_with_ego(times, places, clouds, [one.sweep for one in chain.clusters]):
+        if moves_with_ego(places, clouds, [one.sweep for one in chain.clusters]):
             return False
         parts = [one.points for one in chain.clusters]
         shifts = path_of.poses_at(times)[:, :2]
@@ -63,17 +68,37 @@ def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
     return passed
 
 
-def moves_with_ego(
-    times: Float64[ndarray, " t"], places: Float64[ndarray, "t 2"], clouds: list[SweepCloud], sweeps: list[int]
-) -> bool:
-    """Whether places stay where they are relative to the sensor, near it."""
-    ego = np.array([clouds[sweep].position[:2] for sweep in sweeps])
-    offset = places - ego
-    distance = np.linalg.norm(offset, axis=1)
-    if np.median(distance) > EGO_REACH:
+def moves_with_ego(places: Float64[ndarray, "t 2"], clouds: list[SweepCloud], sweeps: list[int]) -> bool:
+    """Whether places, one in each of some sweeps, stay where they are in the recording car's own frame, near it.
+
+    What creeps beside it in a jam stays at the same distance, too, but not in the same place, or in another lane.
+    """
+    offset = places - np.array([clouds[sweep].position[:2] for sweep in sweeps])
+    if np.median(np.linalg.norm(offset, axis=1)) > EGO_REACH:
         return False
-    drift = np.linalg.norm(offset - np.median(offset, axis=0), axis=1)
-    return bool(np.median(drift) < EGO_DRIFT or np.ptp(distance) < EGO_DRIFT)
+    heading = _ego_headings(clouds)[sweeps]
+    cosine, sine = np.cos(heading), np.sin(heading)
+    own = np.column_stack([cosine * offset[:, 0] + sine * offset[:, 1], cosine * offset[:, 1] - sine * offset[:, 0]])
+    middle = np.median(own, axis=0)
+    if abs(middle[1]) > EGO_HALF_WIDTH:
+        return False
+    drift = np.linalg.norm(own - middle, axis=1)
+    return bool(np.percentile(drift, EGO_SHARE) < EGO_DRIFT)
+
+
+def _ego_headings(clouds: list[SweepCloud]) -> Float64[ndarray, " s"]:
+    """Direction of the recording car's way in each sweep, radians; where it stands, as before and after."""
+    places = np.array([cloud.position[:2] for cloud in clouds])
+    since, known, turns = 0, [], []
+    for number in range(1, len(places)):
+        step = places[number] - places[since]
+        if np.linalg.norm(step) >= EGO_STEP:
+            known.append((since + number) / 2)
+            turns.append(np.arctan2(step[1], step[0]))
+            since = number
+    if not known:
+        return np.zeros(len(places))
+    return np.interp(np.arange(len(places)), known, np.unwrap(turns))
 
 
 def motion_ratio(parts: list[ndarray], places: Float64[ndarray, "c 2"], yaws: ndarray | None = None) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
@@ -46,7 +48,7 @@ def solve_again(thing: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]
     again = solve_thing(clusters, clouds, [trajectory], REACHES)
     if again is None or again.ratio > thing.ratio + 0.12 or _has_slid(thing, again):
         return thing
-    return again
+    return replace(again, core_seen=thing.seen_through)
 
 
 def _has_slid(thing: SolvedThing, again: SolvedThing) -> bool:

@@ -29,12 +29,15 @@ class SolvedThing:
     trajectory: Trajectory
     ratio: float
     """See `motion_tests.motion_ratio`."""
+    core_seen: float = 0.0
+    """`seen_through` of the things it was made of, before sweeps in which it stands were added."""
 
     @property
     def seen_through(self) -> float:
         """Share of its points at whose places others saw through."""
         counts = np.array([len(one.rows) for one in self.clusters])
-        return float(np.average([one.seen_through for one in self.clusters], weights=counts))
+        own = float(np.average([one.seen_through for one in self.clusters], weights=counts))
+        return max(own, self.core_seen)
 
     @property
     def sweeps(self) -> list[int]:

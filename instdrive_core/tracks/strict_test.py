@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from instdrive_core.tracks.motion_tests import EGO_DRIFT, EGO_REACH
+from instdrive_core.tracks.motion_tests import moves_with_ego
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
@@ -48,7 +48,8 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
         return f"ratio {thing.ratio:.2f}"
     if extent[0] > MAX_LENGTH or extent[1] > MAX_WIDTH:
         return f"extent {extent[0]:.1f} {extent[1]:.1f}"
-    if _moves_with_ego(thing, clouds):
+    places = thing.trajectory.poses_at(np.array([one.time for one in thing.observations]))[:, :2]
+    if moves_with_ego(places, clouds, [one.sweep for one in thing.observations]):
         return "ego"
     size = float(extent[:2].max())
     walks_by = seen > FEW_SEEN and thing.ratio < SURE_MOTION and way > 3 * size
@@ -61,12 +62,3 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
     if extent[:2].max() < THIN and seen < 3 * SEEN:
         return "thin"
     return ""
-
-
-def _moves_with_ego(thing: SolvedThing, clouds: list[SweepCloud]) -> bool:
-    times = np.array([one.time for one in thing.observations])
-    ego = np.array([clouds[one.sweep].position[:2] for one in thing.observations])
-    offset = thing.trajectory.poses_at(times)[:, :2] - ego
-    distance = np.linalg.norm(offset, axis=1)
-    drift = np.linalg.norm(offset - np.median(offset, axis=0), axis=1)
-    return bool(np.median(distance) < EGO_REACH and np.median(drift) < EGO_DRIFT)

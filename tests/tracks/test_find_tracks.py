@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from box_street import Body, box_clip, walls
+from box_street import Body, box_clip, jam, walls
 
 from instdrive_core.tracks.finder import find_tracks
 
@@ -137,3 +137,22 @@ def test_held_out_sweeps_are_not_used(traffic):
     again = find_tracks(replace(clip, sweeps=guarded))
     assert [track.id for track in again.tracks] == [track.id for track in found.tracks]
     np.testing.assert_array_equal(again.tracks[0].world_from_box, found.tracks[0].world_from_box)
+
+
+@pytest.fixture(scope="module")
+def stop_and_go():
+    clip, bodies = jam()
+    return clip, bodies, find_tracks(clip)
+
+
+@pytest.mark.parametrize(("name", "error"), [("ahead", 0.9), ("left", 0.3), ("beside", 2.0), ("drives off", 0.3)])
+def test_each_car_of_a_jam_is_one_object(stop_and_go, name, error):
+    clip, bodies, found = stop_and_go
+    near = [track for track in found.tracks if np.median(moments(clip, bodies[name], track)) < 2.0]
+    assert len(near) == 1
+    assert near[0].times[-1] - near[0].times[0] > 0.8 * (clip.sweeps[-1].time - clip.sweeps[0].time)
+    assert np.median(moments(clip, bodies[name], near[0])) < error
+
+
+def test_nothing_that_stands_in_a_jam_is_found(stop_and_go):
+    assert len(stop_and_go[2].tracks) == len(stop_and_go[1])

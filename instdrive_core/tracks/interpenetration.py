@@ -1,0 +1,66 @@
+"""No two things are in one place: of boxes that stand in each other step after step, one is a piece of the other."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.tracks.boxes import TrackBox
+from instdrive_core.tracks.fragments import into_frame, join
+from instdrive_core.tracks.range_images import Votes
+from instdrive_core.tracks.solved_thing import SolvedThing
+from instdrive_core.tracks.sweep_clouds import SweepCloud
+
+INSIDE, OFTEN = 0.2, 0.5
+"""Share of the smaller box's area that lies in the other, and share of their common sweeps, from which on two things
+are one: lengths that were guessed overlap less."""
+SHARED = 3
+"""Sweeps that show both at least."""
+GRID = 8
+"""Places along either side of a box by which its area is compared."""
+
+
+def resolve_overlaps(things: list[SolvedThing], clouds: list[SweepCloud], votes: list[Votes]) -> list[SolvedThing]:
+    """The things, each pair that would stand in each other joined; where they cannot be joined, the one of which more
+    was met is kept."""
+    kept: list[SolvedThing] = []
+    for thing in sorted(things, key=lambda one: -one.point_count):
+        within = next((number for number, other in enumerate(kept) if stand_in_each_other(thing, other, clouds)), None)
+        if within is None:
+            kept.append(thing)
+            continue
+        whole = join(kept[within], thing, clouds, votes)
+        if whole is not None:
+            kept[within] = whole
+    return kept
+
+
+def stand_in_each_other(first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud]) -> bool:
+    """Whether the boxes of two things overlap in most of the sweeps that show both."""
+    shared = sorted(set(first.sweeps) & set(second.sweeps))
+    if len(shared) < SHARED:
+        return False
+    boxes = first.box(clouds), second.box(clouds)
+    small, large = sorted(zip((first, second), boxes, strict=True), key=lambda one: one[1].length * one[1].width)
+    times = np.array([clouds[sweep].time for sweep in shared])
+    inside = _measure_overlaps(
+        small[1], small[0].trajectory.poses_at(times), large[1], large[0].trajectory.poses_at(times)
+    )
+    return bool(np.mean(inside >= INSIDE) > OFTEN)
+
+
+def _measure_overlaps(
+    small: TrackBox, poses: Float64[ndarray, "t 3"], large: TrackBox, others: Float64[ndarray, "t 3"]
+) -> Float64[ndarray, " t"]:
+    """Share of one box's area that lies in another, at each moment."""
+    steps = (np.arange(GRID) + 0.5) / GRID - 0.5
+    along, across = np.meshgrid(steps * small.length + small.center[0], steps * small.width + small.center[1])
+    cosine, sine = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    x = poses[:, 0, None] + cosine * along.ravel() - sine * across.ravel()
+    y = poses[:, 1, None] + sine * along.ravel() + cosine * across.ravel()
+    places = np.stack([x, y], axis=2).reshape(-1, 2)
+    local = into_frame(np.repeat(others, GRID * GRID, axis=0), places)
+    half = np.array([large.length, large.width]) / 2
+    is_inside = np.all(np.abs(local - large.center) <= half, axis=1)
+    return is_inside.reshape(len(poses), -1).mean(axis=1)

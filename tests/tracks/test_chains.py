@@ -1,0 +1,58 @@
+"""What leads chains astray is left out of them, and the recording car's own parts are told from its neighbours."""
+
+import numpy as np
+import pytest
+
+from instdrive_core.tracks.candidates import Cluster
+from instdrive_core.tracks.linking import Chain, without_slivers
+from instdrive_core.tracks.motion_tests import moves_with_ego
+from instdrive_core.tracks.sweep_clouds import SweepCloud
+
+
+def chain_of(counts):
+    clusters = []
+    for sweep, count in enumerate(counts):
+        points = np.zeros((count, 3), np.float32)
+        clusters.append(Cluster(sweep, np.arange(count), points, 0.1 * sweep, np.zeros(3), np.ones(3), 1.0))
+    return Chain(clusters, [np.array([step, 0.0]) for step in range(1, len(counts))])
+
+
+def test_slivers_are_left_out_and_the_way_stays_whole():
+    trimmed = without_slivers(chain_of([200, 210, 5, 220, 190, 205]))
+    assert [one.sweep for one in trimmed.clusters] == [0, 1, 3, 4, 5]
+    np.testing.assert_allclose(trimmed.shifts, [[1, 0], [5, 0], [4, 0], [5, 0]])
+
+
+def test_what_is_seen_less_and_less_stays():
+    chain = chain_of([200, 170, 140, 120, 100, 80, 65])
+    assert without_slivers(chain) is chain
+
+
+def drive(turning):
+    headings = np.linspace(0, 1.2, 30) if turning else np.zeros(30)
+    steps = 0.3 * np.stack([np.cos(headings), np.sin(headings), np.zeros(30)], axis=1)
+    return [cloud_at(place, 0.1 * number) for number, place in enumerate(np.cumsum(steps, axis=0))], headings
+
+
+def cloud_at(place, time):
+    points, none = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    return SweepCloud(0, time, place, points, none, none, none.astype(np.uint8), np.zeros(0), np.zeros(72), ())
+
+
+@pytest.mark.parametrize("turning", [False, True])
+@pytest.mark.parametrize(("along", "left", "is_part"), [(-2.5, 0.6, True), (2.0, -3.4, False), (12.0, 0.0, False)])
+def test_only_what_is_fixed_to_the_recording_car_is_a_part_of_it(turning, along, left, is_part):
+    clouds, headings = drive(turning)
+    ego = np.array([cloud.position[:2] for cloud in clouds])
+    forward, side = (
+        np.stack([np.cos(headings), np.sin(headings)], 1),
+        np.stack([-np.sin(headings), np.cos(headings)], 1),
+    )
+    places = ego + along * forward + left * side
+    assert moves_with_ego(places, clouds, list(range(30))) == is_part
+
+
+def test_what_drives_close_behind_and_falls_back_is_no_part():
+    clouds, _ = drive(False)
+    places = np.array([cloud.position[:2] for cloud in clouds]) - [[3.0 + 0.06 * step, 0.0] for step in range(30)]
+    assert not moves_with_ego(places, clouds, list(range(30)))
