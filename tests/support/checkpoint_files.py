@@ -53,7 +53,7 @@ class _Pickler(pickle._Pickler):
 
     def save_array(self, array):
         self.save_global_name(_Global("torch._utils", "_rebuild_tensor_v2"))
-        strides = tuple(int(step) // array.itemsize for step in np.ascontiguousarray(array).strides)
+        strides = tuple(int(step) // array.itemsize for step in np.array(array, order="C").strides)
         self.save((_Rebuilt(array), 0, array.shape, strides, False, OrderedDict()))
         self.write(pickle.REDUCE)
 

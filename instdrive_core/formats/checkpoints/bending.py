@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.files.torch_checkpoint import TorchCheckpoint
@@ -54,57 +54,47 @@ class NodeClass:
         return values
 
 
-def bend_deformable(node: NodeClass, part: Gaussians, instance: int, frame: int) -> str:
-    """Bend the Gaussians of one instance, in place, as its network says for a frame; else say why not."""
+def bend_deformable(node: NodeClass, part: Gaussians, instance: int, frame: int) -> None:
+    """Bend the Gaussians of one instance, in place, as its network says for a frame. Raises ValueError, and why not."""
     if node.step is not None and node.step <= _BENDS_AFTER:
-        return ""
-    try:
-        embeddings = node.read("instances_embedding")
-        names = [name for name in node.state if isinstance(name, str) and name.startswith(_NETWORK)]
-        tensors = {name.removeprefix(_NETWORK): node.read(name) for name in names}
-        if embeddings.ndim != 2 or instance >= len(embeddings):
-            return "their embeddings are missing"
-        network = build_bending_network(tensors, embeddings.shape[1])
-    except ValueError as error:
-        return str(error)
+        return
+    embeddings = node.read("instances_embedding")
+    names = [name for name in node.state if isinstance(name, str) and name.startswith(_NETWORK)]
+    tensors = {name.removeprefix(_NETWORK): node.read(name) for name in names}
+    if embeddings.ndim != 2 or instance >= len(embeddings):
+        raise ValueError("their embeddings are missing")
+    network = build_bending_network(tensors, embeddings.shape[1])
     height = float(node.sizes[instance, 2])
     if not height > 0:
-        return "their height is 0"
+        raise ValueError("their height is 0")
     time = frame / max(len(node.present) - 1, 1)
     given = np.broadcast_to(embeddings[instance].astype(np.float32), (len(part), embeddings.shape[1]))
     with np.errstate(over="ignore", invalid="ignore"):
         offsets = network.compute_offsets((part.means / height * 2).astype(np.float32), time, given)
     if not all(np.isfinite(values).all() for values in offsets.values()):
-        return "their network gives what is no number"
+        raise ValueError("their network gives what is no number")
     part.means += offsets["gaussian_warp"]
     if "gaussian_rotation" in offsets:
         part.quats[:] = normalize_quaternions(normalize_quaternions(part.quats) + offsets["gaussian_rotation"])
     if "gaussian_scaling" in offsets:
-        part.log_scales[:] = np.log(np.maximum(np.exp(part.log_scales) + offsets["gaussian_scaling"], 1e-6))
-    return ""
+        with np.errstate(over="ignore", invalid="ignore"):
+            part.log_scales[:] = np.log(np.maximum(np.exp(part.log_scales) + offsets["gaussian_scaling"], 1e-6))
 
 
 def bend_body(
-    node: NodeClass,
-    part: Gaussians,
-    rows: Int64[ndarray, " m"],
-    instance: int,
-    frame: int,
-    here: ndarray,
-    poses: ndarray,
-    quats: ndarray,
-) -> str:
-    """Bend the Gaussians of one person, in place, and move the poses to where the body turns; else say why not.
+    node: NodeClass, part: Gaussians, instance: int, frame: int, poses: Float[ndarray, "t 4 4"]
+) -> Float64[ndarray, "3"]:
+    """Bend the Gaussians of one person, in place, and move the poses to where the body turns.
 
     Args:
         node: the class.
         part: the person's Gaussians at rest; becomes those in the frame, in the body's own axes.
-        rows: the person's rows among those kept of the class.
         instance: the person.
         frame: the frame whose shape is taken.
-        here: world_from_body of that frame, one of `poses`.
-        poses: world_from_body of all frames (t, 4, 4); changed, as the body turns about its first joint.
-        quats: of these frames (t, 4).
+        poses: world_from_body; changed, as the body turns about its first joint.
+
+    Returns: the middle of the joints in the body's own axes.
+    Raises ValueError, and why not; nothing is changed then.
     """
     joints = len(PARENTS)
     try:
@@ -112,22 +102,23 @@ def bend_body(
         inverse = node.read(f"{_TEMPLATE}A0_inv", joints, 4, 4)[instance].astype(np.float64)
         limbs = node.read("smpl_qauts", joints - 1, 4)[frame, instance].astype(np.float64)
         grid = _read_grid(node, instance)
-    except (ValueError, IndexError) as error:
-        return str(error)
+    except IndexError as error:
+        raise ValueError("parts of them are missing") from error
     turns = np.concatenate([np.eye(3)[None], matrix_from_quaternion(normalize_quaternions(limbs))])
-    transforms = pose_joints(turns, rest, inverse)
     means = part.means.astype(np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
-        weights = grid.sample(np.nan_to_num(means, posinf=0, neginf=0))
-        moved, blended = skin_points(means, weights, transforms)
-    if not (np.isfinite(moved).all() and np.isfinite(blended).all()):
-        return "their limbs have no finite place"
+        chain = pose_joints(turns, rest)
+        transforms = chain @ inverse
+        moved, blended = skin_points(means, grid.sample(np.nan_to_num(means, posinf=0, neginf=0)), transforms)
+        places = np.einsum("jab,jb->ja", chain[:, :3, :3], rest) + chain[:, :3, 3]
+    if not all(np.isfinite(values).all() for values in (moved, blended, places)):
+        raise ValueError("their limbs have no finite place")
     part.means[:] = moved
-    turned = quaternion_from_matrix(blended)
-    part.quats[:] = multiply_quaternions(normalize_quaternions(turned), normalize_quaternions(part.quats))
+    turned = normalize_quaternions(quaternion_from_matrix(blended))
+    part.quats[:] = multiply_quaternions(turned, normalize_quaternions(part.quats))
     # The body turns about its first joint, not about the point that is moved.
     poses[:, :3, 3] += rest[0] - poses[:, :3, :3] @ rest[0]
-    return ""
+    return (places.min(axis=0) + places.max(axis=0)) / 2
 
 
 def _read_grid(node: NodeClass, instance: int) -> WeightGrid:

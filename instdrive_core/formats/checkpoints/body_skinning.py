@@ -46,15 +46,12 @@ class WeightGrid:
         return result
 
 
-def pose_joints(
-    rotations: Float[ndarray, "24 3 3"], joints: Float[ndarray, "24 3"], rest_inverse: Float[ndarray, "24 4 4"]
-) -> Float[ndarray, "24 4 4"]:
-    """Compute where each joint's transform takes points of the body at rest.
+def pose_joints(rotations: Float[ndarray, "24 3 3"], joints: Float[ndarray, "24 3"]) -> Float[ndarray, "24 4 4"]:
+    """Compute where each joint's transform takes points of a body with straight limbs.
 
     Args:
         rotations: of each joint against its parent; the first one is the body's own.
-        joints: at rest, metres.
-        rest_inverse: inverse transforms of the pose that the points are stored in.
+        joints: of that body, metres.
     """
     chain = np.empty((len(PARENTS), 4, 4))
     for joint, parent in enumerate(PARENTS):
@@ -62,9 +59,9 @@ def pose_joints(
         step[:3, :3] = rotations[joint]
         step[:3, 3] = joints[joint] - (joints[parent] if parent >= 0 else 0)
         chain[joint] = step if parent < 0 else chain[parent] @ step
-    # Transforms act on points, so the joint's own place at rest is taken off first.
+    # Transforms act on points, so the joint's own place in that body is taken off first.
     chain[:, :3, 3] -= np.einsum("jab,jb->ja", chain[:, :3, :3], joints)
-    return chain @ rest_inverse
+    return chain
 
 
 def skin_points(

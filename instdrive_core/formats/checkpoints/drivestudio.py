@@ -18,7 +18,6 @@ from itertools import accumulate
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
@@ -148,14 +147,14 @@ def _place_class(node: NodeClass, gaussians: Gaussians, time: float | None, left
         part = gaussians.select(rows)
         poses = build_poses(node.rotations[frames, instance], node.translations[frames, instance])
         here = poses[int(np.searchsorted(frames, frame))]
-        reason = ""
-        if node.name == "DeformableNodes":
-            reason = bend_deformable(node, part, instance, frame)
-        elif node.name == "SMPLNodes":
-            reason = bend_body(node, part, rows, instance, frame, here, poses, node.rotations[frames, instance])
-        if reason:
-            reasons[reason] = reasons.get(reason, 0) + 1
-        center = _find_center(part.means) if node.name == "SMPLNodes" else np.zeros(3)
+        center = np.zeros(3)
+        try:
+            if node.name == "DeformableNodes":
+                bend_deformable(node, part, instance, frame)
+            elif node.name == "SMPLNodes":
+                center = bend_body(node, part, instance, frame, poses)
+        except ValueError as error:
+            reasons[str(error)] = reasons.get(str(error), 0) + 1
         turn_into_box(part, here, turn, center)
         for name, array in part.arrays().items():
             getattr(gaussians, name)[rows] = array
@@ -182,8 +181,3 @@ def _find_frame(frames: ndarray, time: float | None) -> int:
     if time is None:
         return int(frames[len(frames) // 2])
     return int(frames[np.abs(frames * STEP_SECONDS - time).argmin()])
-
-
-def _find_center(means: Float[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
-    finite = means[np.isfinite(means).all(axis=1)].astype(np.float64)
-    return (finite.min(axis=0) + finite.max(axis=0)) / 2 if len(finite) else np.zeros(3)

@@ -170,9 +170,7 @@ def _read_ego_poses(folder: Path) -> dict[int, ndarray]:
             if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or not np.isfinite(pose).all():
                 raise ValueError("it does more than turn and shift")
         except ValueError as error:
-            raise DataError(
-                file, f"is no pose of 4 x 4 numbers ({error})", _COPY
-            ) from error
+            raise DataError(file, f"is no pose of 4 x 4 numbers ({error})", _COPY) from error
         poses[frame] = pose
     if poses:
         center = np.mean([pose[:3, 3] for pose in poses.values()], axis=0)

@@ -15,7 +15,7 @@ from checkpoint_files import (
     write_street_tracks,
 )
 
-from instdrive_core.cli.convert import convert_scene
+from instdrive_core.cli.convert import convert
 from instdrive_core.cli.info import print_info
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
@@ -237,7 +237,8 @@ def test_street_gaussians_takes_tracks_from_its_data_set(tmp_path, rng):
     content = street_content(rng)
     path = write_checkpoint(tmp_path / "run" / "trained_model" / "iteration_50000.pth", content)
     bare = open_scene(path)
-    assert len(bare) == 30 and not bare.actors
+    assert len(bare) == 30
+    assert not bare.actors
     assert any("1 moving objects, as their tracks are in the data set" in sentence for sentence in bare.left_out)
     write_street_tracks(tmp_path / "run")
     scene = open_scene(path, time=0.2)
@@ -292,6 +293,6 @@ def test_info_and_convert_say_what_was_left_out(tmp_path, rng, capsys):
     path = write_checkpoint(tmp_path / "a.pth", drivestudio_content(rng))
     print_info(path)
     assert "left out:     the network of exposures (Affine)" in capsys.readouterr().out
-    convert_scene(path, tmp_path / "b.ply", time=0.1)
+    convert(path, tmp_path / "b.ply", time=0.1)
     assert "left out on opening: the network of exposures (Affine)" in capsys.readouterr().out
     assert open_scene(tmp_path / "b.ply").table[3].count == 10
