@@ -5,8 +5,8 @@ import zipfile
 
 import numpy as np
 import pytest
-from checkpoint_files import write_checkpoint
 
+from benchmarks.checkpoint_files import write_checkpoint
 from instdrive_core.errors import DataError, UntrustedDataError
 from instdrive_core.files.torch_checkpoint import ALLOWED, open_torch_checkpoint
 

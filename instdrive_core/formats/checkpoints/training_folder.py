@@ -26,18 +26,19 @@ _CAMERAS, _SETTINGS, _POINTS, _PLY = "cameras.json", "cfg_args", "point_cloud", 
 _ITERATION = re.compile(r"iteration_(\d{1,9})")
 _ENDINGS = ("", ".jpg", ".png", ".JPG", ".jpeg", ".PNG")
 _MAX_SETTINGS, _MAX_SIZE = 1 << 20, 1 << 17
-_REMEDY = "Take the file as the trainer has written it, or remove it to open the scene without cameras"
+_OPEN_PLY = f"Copy the folder whole, or open its {_PLY} itself, which has no cameras"
+_REMEDY = f"Take the file as the trainer has written it, or open the folder's {_PLY} itself, which has no cameras"
 
 
 def read_training_folder(path: Path, options: ReadOptions = WHOLE) -> Scene:
-    """Open the newest iteration of a folder. Raises DataError where anything about it is wrong."""
-    files = _list_files(path)
-    scene = read_ply(files[0], options)
-    views = _read_views(path / _CAMERAS, _find_photos(path)) if path / _CAMERAS in files else ()
-    left_out = [] if views else [f"the cameras of the photos, as the folder has no {_CAMERAS}"]
-    if (path / "exposure.json").is_file():
-        left_out.append("exposures of the photos (exposure.json): the splats' own colours are drawn")
-    return replace(scene, views=views, left_out=tuple(left_out))
+    """Open the newest iteration of a folder, or of that which a ``cfg_args`` is in. Raises DataError."""
+    points, cameras, settings = _list_files(path)
+    photos = _find_photos(settings)
+    scene = read_ply(points, options)
+    left_out = ()
+    if (settings.parent / "exposure.json").is_file():
+        left_out = ("exposures of the photos (exposure.json): the splats' own colours are drawn",)
+    return replace(scene, views=_read_views(cameras, photos), left_out=left_out)
 
 
 def _read_views(path: Path, photos: tuple[Path, ...]) -> tuple[CameraView, ...]:
@@ -73,12 +74,14 @@ def _read_view(path: Path, entry: Any, number: int, photos: tuple[Path, ...]) ->
 
 
 def _find_photos(path: Path) -> tuple[Path, ...]:
-    """Folders in which the photos may lie, by what the trainer's settings say."""
+    """Folders in which the photos may lie, by the trainer's settings. Raises DataError where they are not whole."""
     try:
-        with require_plain_file(path / _SETTINGS).open("rb") as file:
-            settings = file.read(_MAX_SETTINGS).decode(errors="replace")
-    except OSError:
-        return ()
+        with require_plain_file(path).open("rb") as file:
+            settings = file.read(_MAX_SETTINGS).decode().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(path, f"the trainer's settings cannot be read ({error})", _OPEN_PLY) from error
+    if not (settings.startswith("Namespace(") and settings.endswith(")")):
+        raise DataError(path, "the trainer's settings are no whole 'Namespace(…)'", _OPEN_PLY)
     found = dict(re.findall(r"(source_path|images)='([^'\n]{1,1000})'", settings))
     source = Path(found.get("source_path", ""))
     return (source / found.get("images", "images"), source) if found.get("source_path") else ()
@@ -112,12 +115,15 @@ def _holds_training(path: Path) -> bool:
 
 
 def _list_files(path: Path) -> tuple[Path, ...]:
-    """The newest .ply, and what is read beside it. Raises DataError where there is none."""
-    iterations = _find_iterations(path)
+    """The newest .ply, the cameras and the settings. Raises DataError where one of them is missing."""
+    folder = path if path.is_dir() else path.parent
+    iterations = _find_iterations(folder)
     if not iterations:
-        raise DataError(path / _POINTS, f"it holds no iteration_N/{_PLY}", "Train, or copy the folder whole")
-    beside = [path / name for name in (_CAMERAS, _SETTINGS) if (path / name).is_file()]
-    return (iterations[-1][1], *beside)
+        raise DataError(folder / _POINTS, f"it holds no iteration_N/{_PLY}", "Train, or copy the folder whole")
+    for name in (_CAMERAS, _SETTINGS):
+        if not (folder / name).is_file():
+            raise DataError(folder, f"the folder holds no {name}", _OPEN_PLY)
+    return iterations[-1][1], folder / _CAMERAS, folder / _SETTINGS
 
 
 TRAINING_FOLDER = Format(

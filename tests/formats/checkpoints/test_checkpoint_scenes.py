@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from checkpoint_files import (
+
+from benchmarks.checkpoint_files import (
     captured_content,
     drivestudio_content,
     gsplat_content,
@@ -14,7 +15,6 @@ from checkpoint_files import (
     write_checkpoint,
     write_street_tracks,
 )
-
 from instdrive_core.cli.convert import convert
 from instdrive_core.cli.info import print_info
 from instdrive_core.edits.queries.bake import freeze_at_time

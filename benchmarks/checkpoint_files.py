@@ -1,6 +1,7 @@
 """Checkpoints as other trainers write them, small, written without torch as torch 2 writes them."""
 
 import io
+import json
 import pickle
 import zipfile
 from collections import OrderedDict
@@ -218,3 +219,20 @@ def write_street_tracks(folder, frames=4):
         np.savetxt(folder / "ego_pose" / f"{frame:06d}_0.txt", pose)
         lines.append(f"{frame} 7 vehicle -10 1.5 1.9 4.5 8.0 {frame}.0 0.5 0.3 5.0")
     (folder / "track" / "track_info.txt").write_text("\n".join(lines) + "\n")
+
+
+def write_training_folder(folder, write_ply, photos=3):
+    """INRIA's folder: two iterations, written by `write_ply(path)`, cameras and settings."""
+    for iteration in (7000, 30000):
+        (folder / "point_cloud" / f"iteration_{iteration}").mkdir(parents=True)
+    write_ply(folder / "point_cloud" / "iteration_30000" / "point_cloud.ply")
+    turn = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+    size: dict[str, object] = {"width": 640, "height": 360, "fx": 500.0, "fy": 505.0}
+    cameras = [
+        {"id": row, "img_name": f"{row:05d}", "position": [row, 2.0, 3.5], "rotation": turn, **size}
+        for row in range(photos)
+    ]
+    (folder / "cameras.json").write_text(json.dumps(cameras))
+    settings = f"Namespace(data_device='cuda', images='images', sh_degree=3, source_path='{folder.parent / 'data'}')"
+    (folder / "cfg_args").write_text(settings)
+    return folder
