@@ -5,7 +5,7 @@ import json
 import pickle
 import zipfile
 from collections import OrderedDict
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -30,10 +30,13 @@ class _Rebuilt:
         self.arguments = arguments
 
 
-class _Pickler(pickle._Pickler):
+_PurePickler: Any = pickle._Pickler  # pyright: ignore[reportPrivateUsage]
+
+
+class _Pickler(_PurePickler):
     """Writes arrays as torch writes tensors: protocol 2, storages by persistent ID."""
 
-    dispatch: ClassVar = dict(pickle._Pickler.dispatch)
+    dispatch: ClassVar = dict(_PurePickler.dispatch)
 
     def __init__(self, file):
         super().__init__(file, protocol=2)
@@ -167,7 +170,7 @@ def body_buffers(rng, people, resolution=(2, 4, 4)):
         f"{prefix}lbs_voxel_base": weights,
         f"{prefix}offset": np.zeros((people, 1, 3), np.float32),
         f"{prefix}scale": np.full((people, 1, 1), 2.0, np.float32),
-        f"{prefix}ratio": np.float32([2.0]).reshape(()),
+        f"{prefix}ratio": np.array(2.0, np.float32),
     }
 
 

@@ -49,6 +49,10 @@ def _describe(file: TorchCheckpoint) -> str:
     return f"a dictionary of {len(items)} ({names})"
 
 
-CHECKPOINT_PTH = Format("Checkpoint of drivestudio, StreetGaussians, INRIA, HUGSIM", ".pth", read_checkpoint_scene)
-CHECKPOINT_PT = Format("Checkpoint of gsplat", ".pt", read_checkpoint_scene)
-CHECKPOINT_CKPT = Format("Checkpoint of nerfstudio's splatfacto", ".ckpt", read_checkpoint_scene)
+CHECKPOINT_PTH = Format(
+    "Checkpoint of drivestudio, StreetGaussians, INRIA, HUGSIM", ".pth", read_checkpoint_scene, in_world_of_photos=True
+)
+CHECKPOINT_PT = Format("Checkpoint of gsplat", ".pt", read_checkpoint_scene, in_world_of_photos=True)
+CHECKPOINT_CKPT = Format(
+    "Checkpoint of nerfstudio's splatfacto", ".ckpt", read_checkpoint_scene, in_world_of_photos=True
+)

@@ -24,18 +24,14 @@ from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.files.torch_checkpoint import TorchCheckpoint
 from instdrive_core.formats.allocation import ReadOptions
 from instdrive_core.formats.checkpoints.splat_part import (
-    BLOCK_ROWS,
     REMEDY,
     FieldNames,
     SplatPart,
     read_parts,
     view_part,
 )
-from instdrive_core.maths.rotations import multiply_quaternions, normalize_quaternions, quaternion_from_matrix
-from instdrive_core.maths.sh_rotation import rotate_rest
-from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
-from instdrive_core.scene.transforms import Similarity, extract_scale, invert_transform
+from instdrive_core.scene.transforms import Similarity, invert_transform, transform_gaussians
 
 _GSPLAT = FieldNames("means", "quats", "scales", "opacities", "sh0", "shN")
 _SPLATFACTO = FieldNames("means", "quats", "scales", "opacities", "features_dc", "features_rest", True)
@@ -129,23 +125,6 @@ def _view_captured(
     if len(captured) != _INRIA_ENTRIES:
         names.insert(4, "features_3d")
     return view_part(file, dict(zip(names, captured, strict=False)), fields, where)
-
-
-def transform_gaussians(gaussians: Gaussians, matrix: Similarity) -> None:
-    """Turn, scale and shift Gaussians by [s R | t], in place and block by block."""
-    scale = extract_scale(matrix)
-    rotation = matrix[:, :3] / scale
-    turn = quaternion_from_matrix(rotation)
-    is_turned = not np.array_equal(rotation, np.eye(3))
-    with np.errstate(over="ignore", invalid="ignore"):  # the linter reports what is not finite
-        for start in range(0, len(gaussians), BLOCK_ROWS):
-            rows = slice(start, start + BLOCK_ROWS)
-            gaussians.means[rows] = gaussians.means[rows] @ matrix[:, :3].T + matrix[:, 3]
-            gaussians.log_scales[rows] += np.float32(np.log(scale))
-            if is_turned:
-                quats = normalize_quaternions(gaussians.quats[rows])
-                gaussians.quats[rows] = multiply_quaternions(np.broadcast_to(turn, quats.shape), quats)
-                gaussians.sh_rest[rows] = rotate_rest(gaussians.sh_rest[rows], rotation)
 
 
 def _read_dataparser_transform(path: Path) -> Similarity:

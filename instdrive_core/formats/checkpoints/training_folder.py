@@ -131,4 +131,5 @@ TRAINING_FOLDER = Format(
     _SETTINGS,
     read_training_folder,
     folder=FolderLayout(_holds_training, _list_files),
+    in_world_of_photos=True,
 )
