@@ -15,17 +15,6 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.checkpoint_files import (
-    captured_content,
-    drivestudio_content,
-    gsplat_content,
-    hugsim_content,
-    splatfacto_content,
-    street_content,
-    write_checkpoint,
-    write_street_tracks,
-    write_training_folder,
-)
 from benchmarks.edit_street import build_edit_street
 from benchmarks.fuzz_clip_seeds import list_clip_seeds
 from benchmarks.fuzz_layout_seeds import list_layout_seeds
@@ -34,6 +23,17 @@ from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.bake import freeze_at_time
+from instdrive_core.formats.checkpoints.sample_files import (
+    build_captured_content,
+    build_drivestudio_content,
+    build_gsplat_content,
+    build_hugsim_content,
+    build_splatfacto_content,
+    build_street_content,
+    write_checkpoint,
+    write_street_tracks,
+    write_training_folder,
+)
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.formats.spz.scenes import write_spz
 from instdrive_core.project.edit_log import LoggedHistory, diff_histories
@@ -202,12 +202,12 @@ def zip_members(members: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED
 def _list_checkpoint_seeds(folder: Path) -> Iterator[Seed]:
     rng = np.random.default_rng(6)
     contents = {
-        "captured.pth": captured_content(rng),
-        "hugsim.pth": hugsim_content(rng),
-        "drivestudio.pth": drivestudio_content(rng),
-        "gsplat.pt": gsplat_content(rng),
-        "splatfacto.ckpt": splatfacto_content(rng),
-        "iteration_9.pth": street_content(rng),
+        "captured.pth": build_captured_content(rng),
+        "hugsim.pth": build_hugsim_content(rng),
+        "drivestudio.pth": build_drivestudio_content(rng),
+        "gsplat.pt": build_gsplat_content(rng),
+        "splatfacto.ckpt": build_splatfacto_content(rng),
+        "iteration_9.pth": build_street_content(rng),
     }
     for name, content in contents.items():
         root = folder / name.partition(".")[0]

@@ -6,9 +6,9 @@ import zipfile
 import numpy as np
 import pytest
 
-from benchmarks.checkpoint_files import write_checkpoint
 from instdrive_core.errors import DataError, UntrustedDataError
 from instdrive_core.files.torch_checkpoint import ALLOWED, open_torch_checkpoint
+from instdrive_core.formats.checkpoints.sample_files import write_checkpoint
 
 
 def archive_of(path, pickled, members=(), method=zipfile.ZIP_STORED):

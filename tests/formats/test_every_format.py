@@ -8,16 +8,16 @@ import pytest
 from random_scene import random_scene
 from sog_files import files_of, meta_of, random_bytes, write_archive, write_folder
 
-from benchmarks.checkpoint_files import (
-    captured_content,
-    gsplat_content,
-    splatfacto_content,
-    write_checkpoint,
-    write_training_folder,
-)
 from instdrive_core.errors import DataError
 from instdrive_core.formats.allocation import ReadOptions
 from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
+from instdrive_core.formats.checkpoints.sample_files import (
+    build_captured_content,
+    build_gsplat_content,
+    build_splatfacto_content,
+    write_checkpoint,
+    write_training_folder,
+)
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
 from instdrive_core.formats.read_back import find_loss, save_and_verify
 from instdrive_core.formats.registry import (
@@ -57,9 +57,9 @@ def checkpoint_writer(name, content):
 SAMPLES = {
     SOG_ARCHIVE.title: lambda folder: write_archive(folder / "street.sog", sog_files()),
     SOG_FOLDER.title: lambda folder: write_folder(folder / "street", sog_files()),
-    CHECKPOINT_PTH.title: checkpoint_writer("street.pth", captured_content),
-    CHECKPOINT_PT.title: checkpoint_writer("street.pt", gsplat_content),
-    CHECKPOINT_CKPT.title: checkpoint_writer("street.ckpt", splatfacto_content),
+    CHECKPOINT_PTH.title: checkpoint_writer("street.pth", build_captured_content),
+    CHECKPOINT_PT.title: checkpoint_writer("street.pt", build_gsplat_content),
+    CHECKPOINT_CKPT.title: checkpoint_writer("street.ckpt", build_splatfacto_content),
     TRAINING_FOLDER.title: lambda folder: write_training_folder(
         folder / "street", lambda path: save_scene(path, still_scene())
     ),

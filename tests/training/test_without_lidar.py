@@ -10,11 +10,11 @@ from moving_photos import Board, make_clip, standing_board, write_as_nerfstudio,
 from photo_models import photo_model, write_colmap_binary, write_nerfstudio
 from small_clip import write_small_clip
 
-from benchmarks.checkpoint_files import gsplat_content, write_checkpoint
 from instdrive_core.cli.info import print_info
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
+from instdrive_core.formats.checkpoints.sample_files import build_gsplat_content, write_checkpoint
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.training.backends.cpu_backend import CpuBackend
 from instdrive_core.training.build_trainer import build_trainer_from_scene
@@ -128,7 +128,7 @@ def rename_frames(clip):
 
 def test_a_checkpoint_of_another_trainer_is_moved_to_where_the_clip_is(model, tmp_path):
     clip = load_clip(str(write_colmap_binary(tmp_path / "clip", model)), ClipOptions(scale=1.0))
-    content = gsplat_content(np.random.default_rng(2), len(model.points))
+    content = build_gsplat_content(np.random.default_rng(2), len(model.points))
     content["splats"]["means"] = model.listed_points().astype(np.float32)
     path = write_checkpoint(tmp_path / "ckpt_6999_rank0.pt", content)
     with open_view_store(clip, None) as store:

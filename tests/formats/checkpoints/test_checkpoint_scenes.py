@@ -5,20 +5,20 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.checkpoint_files import (
-    captured_content,
-    drivestudio_content,
-    gsplat_content,
-    hugsim_content,
-    splatfacto_content,
-    street_content,
-    write_checkpoint,
-    write_street_tracks,
-)
 from instdrive_core.cli.convert import convert
 from instdrive_core.cli.info import print_info
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
+from instdrive_core.formats.checkpoints.sample_files import (
+    build_captured_content,
+    build_drivestudio_content,
+    build_gsplat_content,
+    build_hugsim_content,
+    build_splatfacto_content,
+    build_street_content,
+    write_checkpoint,
+    write_street_tracks,
+)
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import matrix_from_quaternion
@@ -37,7 +37,7 @@ def assert_splats(gaussians, arrays, rows=slice(None)):
 
 
 def test_gsplat(tmp_path, rng):
-    content = gsplat_content(rng)
+    content = build_gsplat_content(rng)
     scene = open_scene(write_checkpoint(tmp_path / "ckpt_6999_rank0.pt", content))
     assert_splats(scene.gaussians, content["splats"])
     np.testing.assert_array_equal(scene.gaussians.opacity_logits, content["splats"]["opacities"])
@@ -53,7 +53,7 @@ def test_gsplat(tmp_path, rng):
 
 @pytest.mark.parametrize("prefix", ["_model.gauss_params.", "_model.", "module._model.gauss_params."])
 def test_splatfacto_stands_in_the_axes_of_the_data_set(tmp_path, rng, prefix):
-    content = splatfacto_content(rng, prefix=prefix)
+    content = build_splatfacto_content(rng, prefix=prefix)
     path = write_checkpoint(tmp_path / "run" / "nerfstudio_models" / "step-000029999.ckpt", content)
     bare = open_scene(path)
     means = content["pipeline"][f"{prefix}means"]
@@ -85,7 +85,7 @@ def test_splatfacto_stands_in_the_axes_of_the_data_set(tmp_path, rng, prefix):
 
 
 def test_splatfacto_without_sh_has_logits_of_colours(tmp_path, rng):
-    content = splatfacto_content(rng)
+    content = build_splatfacto_content(rng)
     pipeline = content["pipeline"]
     pipeline["_model.gauss_params.features_rest"] = pipeline["_model.gauss_params.features_rest"][:, :0]
     scene = open_scene(write_checkpoint(tmp_path / "a.ckpt", content))
@@ -94,10 +94,10 @@ def test_splatfacto_without_sh_has_logits_of_colours(tmp_path, rng):
 
 
 def test_captured_tuples_of_inria_and_hugsim(tmp_path, rng):
-    content = captured_content(rng)
+    content = build_captured_content(rng)
     scene = open_scene(write_checkpoint(tmp_path / "chkpnt30000.pth", content))
     assert_splats(scene.gaussians, {"means": content[0][1], "scales": content[0][4], "quats": content[0][5]})
-    content = hugsim_content(rng)
+    content = build_hugsim_content(rng)
     scene = open_scene(write_checkpoint(tmp_path / "scene.pth", content))
     head, ground = content[0], content[0][-1]
     assert_splats(scene.gaussians, {"means": head[1], "scales": head[5], "quats": head[6]}, slice(0, 30))
@@ -108,7 +108,7 @@ def test_captured_tuples_of_inria_and_hugsim(tmp_path, rng):
 
 
 def test_drivestudios_cars_follow_their_tracks(tmp_path, rng):
-    content = drivestudio_content(rng)
+    content = build_drivestudio_content(rng)
     path = write_checkpoint(tmp_path / "checkpoint_final.pth", content)
     scene = open_scene(path)
     rigid = content["models"]["RigidNodes"]
@@ -141,7 +141,7 @@ def test_drivestudios_cars_follow_their_tracks(tmp_path, rng):
 
 def test_drivestudios_deformable_things_have_the_shape_of_the_time_asked_for(tmp_path, rng):
     torch = pytest.importorskip("torch")
-    content = drivestudio_content(rng)
+    content = build_drivestudio_content(rng)
     soft = {name: torch.tensor(value) for name, value in content["models"]["DeformableNodes"].items()}
     path = write_checkpoint(tmp_path / "checkpoint_final.pth", content)
 
@@ -175,7 +175,7 @@ def test_drivestudios_deformable_things_have_the_shape_of_the_time_asked_for(tmp
 
 def test_drivestudios_people_are_skinned_at_the_time_asked_for(tmp_path, rng):
     torch = pytest.importorskip("torch")
-    content = drivestudio_content(rng)
+    content = build_drivestudio_content(rng)
     person = content["models"]["SMPLNodes"]
     path = write_checkpoint(tmp_path / "checkpoint_final.pth", content)
     joints = person["template.J_canonical"][0].astype(np.float64)
@@ -208,7 +208,7 @@ def test_drivestudios_people_are_skinned_at_the_time_asked_for(tmp_path, rng):
 
 
 def test_parts_of_people_that_are_missing_are_named(tmp_path, rng):
-    content = drivestudio_content(rng)
+    content = build_drivestudio_content(rng)
     del content["models"]["SMPLNodes"]["template.voxel_deformer.lbs_voxel_base"]
     del content["models"]["DeformableNodes"]["deform_network.gaussian_warp.weight"]
     scene = open_scene(write_checkpoint(tmp_path / "a.pth", content))
@@ -217,7 +217,7 @@ def test_parts_of_people_that_are_missing_are_named(tmp_path, rng):
 
 
 def test_the_sky_shows_what_the_cube_map_shows(tmp_path, rng):
-    content = drivestudio_content(rng)
+    content = build_drivestudio_content(rng)
     faces = content["models"]["Sky"]["base"]
     sky = open_scene(write_checkpoint(tmp_path / "a.pth", content)).sky
     # OpenGL: on face +x (0) columns run along -z and rows along -y; drivestudio looks up (x, z, -y).
@@ -234,7 +234,7 @@ def test_the_sky_shows_what_the_cube_map_shows(tmp_path, rng):
 
 
 def test_street_gaussians_takes_tracks_from_its_data_set(tmp_path, rng):
-    content = street_content(rng)
+    content = build_street_content(rng)
     path = write_checkpoint(tmp_path / "run" / "trained_model" / "iteration_50000.pth", content)
     bare = open_scene(path)
     assert len(bare) == 30
@@ -266,7 +266,7 @@ def test_street_gaussians_takes_tracks_from_its_data_set(tmp_path, rng):
 
 
 def test_every_kth_splat_of_nodes_keeps_its_actor(tmp_path, rng):
-    path = write_checkpoint(tmp_path / "a.pth", drivestudio_content(rng))
+    path = write_checkpoint(tmp_path / "a.pth", build_drivestudio_content(rng))
     whole, third = open_scene(path), open_scene(path, keep_every=3)
     np.testing.assert_array_equal(third.nodes, whole.nodes[::3])
     np.testing.assert_array_equal(third.gaussians.means, whole.gaussians.means[::3])
@@ -275,22 +275,22 @@ def test_every_kth_splat_of_nodes_keeps_its_actor(tmp_path, rng):
 def test_what_is_no_scene_is_named(tmp_path, rng):
     with pytest.raises(DataError, match=r"a\.pth: it holds no scene that is known: a dictionary of 1 \('weights'\)"):
         open_scene(write_checkpoint(tmp_path / "a.pth", {"weights": np.zeros(3, np.float32)}))
-    content = gsplat_content(rng)
+    content = build_gsplat_content(rng)
     content["splats"]["scales"] = content["splats"]["scales"][:, :2]
     with pytest.raises(DataError, match="2D Gaussians"):
         open_scene(write_checkpoint(tmp_path / "b.pt", content))
-    content = gsplat_content(rng)
+    content = build_gsplat_content(rng)
     content["splats"]["quats"] = content["splats"]["quats"][:-1]
     with pytest.raises(DataError, match=r"'splats\.quats' is float32 of shape \(39, 4\), not floats of \(40, 4\)"):
         open_scene(write_checkpoint(tmp_path / "c.pt", content))
-    content = drivestudio_content(rng)
+    content = build_drivestudio_content(rng)
     content["models"]["RigidNodes"]["points_ids"][0] = 2
     with pytest.raises(DataError, match="names an instance that is not there"):
         open_scene(write_checkpoint(tmp_path / "d.pth", content))
 
 
 def test_info_and_convert_say_what_was_left_out(tmp_path, rng, capsys):
-    path = write_checkpoint(tmp_path / "a.pth", drivestudio_content(rng))
+    path = write_checkpoint(tmp_path / "a.pth", build_drivestudio_content(rng))
     print_info(path)
     assert "left out:     the network of exposures (Affine)" in capsys.readouterr().out
     convert(path, tmp_path / "b.ply", time=0.1)

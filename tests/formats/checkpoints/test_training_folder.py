@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from random_scene import random_scene
 
-from benchmarks.checkpoint_files import write_training_folder
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
+from instdrive_core.formats.checkpoints.sample_files import write_training_folder
 from instdrive_core.formats.registry import open_scene, save_scene
 
 

@@ -1,4 +1,6 @@
-"""Checkpoints as other trainers write them, small, written without torch as torch 2 writes them."""
+"""Small files of every checkpoint that is read, written without torch as torch 2 writes them: for tests and fuzzing."""
+
+from __future__ import annotations
 
 import io
 import json
@@ -80,21 +82,21 @@ def write_checkpoint(path, content):
     return path
 
 
-def splat_arrays(rng, count, rest=3, scales=3):
+def build_splat_arrays(rng, count, rest=3, scales=3):
     """Means, quaternions, log scales, opacities, constant SH and the rest, as trainers hold them."""
     shapes = {"means": (3,), "quats": (4,), "scales": (scales,), "opacities": (1,), "dc": (3,), "rest": (rest, 3)}
     return {name: rng.normal(0, 1, (count, *tail)).astype(np.float32) for name, tail in shapes.items()}
 
 
-def gsplat_content(rng, count=40):
-    arrays = splat_arrays(rng, count)
+def build_gsplat_content(rng, count=40):
+    arrays = build_splat_arrays(rng, count)
     splats = {name: arrays[name] for name in ("means", "quats", "scales")}
     splats |= {"opacities": arrays["opacities"][:, 0], "sh0": arrays["dc"][:, None], "shN": arrays["rest"]}
     return {"step": 6999, "splats": OrderedDict(splats)}
 
 
-def splatfacto_content(rng, count=40, prefix="_model.gauss_params."):
-    arrays = splat_arrays(rng, count)
+def build_splatfacto_content(rng, count=40, prefix="_model.gauss_params."):
+    arrays = build_splat_arrays(rng, count)
     names = {"means": "means", "quats": "quats", "scales": "scales", "opacities": "opacities"}
     names |= {"features_dc": "dc", "features_rest": "rest"}
     tensors = {f"{prefix}{name}": arrays[key] for name, key in names.items()}
@@ -102,33 +104,33 @@ def splatfacto_content(rng, count=40, prefix="_model.gauss_params."):
     return {"step": 29999, "pipeline": OrderedDict(tensors), "optimizers": {"means": {"state": {0: {"step": 3}}}}}
 
 
-def captured_content(rng, count=40):
+def build_captured_content(rng, count=40):
     """INRIA's ``capture``."""
-    a = splat_arrays(rng, count)
+    a = build_splat_arrays(rng, count)
     zeros = np.zeros((count, 1), np.float32)
     state = {"state": {0: {"exp_avg": a["means"]}}, "param_groups": [{"lr": 0.1, "params": [0]}]}
     head = (1, a["means"], a["dc"][:, None], a["rest"], a["scales"], a["quats"], a["opacities"])
     return ((*head, zeros[:, 0], zeros, zeros, state, 5.2), 30000)
 
 
-def hugsim_content(rng, count=30, ground=12):
+def build_hugsim_content(rng, count=30, ground=12):
     """HUGSIM's scene with its ground."""
-    a, g = splat_arrays(rng, count), splat_arrays(rng, ground, scales=2)
+    a, g = build_splat_arrays(rng, count), build_splat_arrays(rng, ground, scales=2)
     features = rng.normal(0, 1, (count, 20)).astype(np.float32)
     head = (1, a["means"], a["dc"][:, None], a["rest"], features, a["scales"], a["quats"], a["opacities"], 5.2)
     road = (1, g["means"], g["dc"][:, None], g["rest"], features[:ground], g["scales"], g["quats"], g["opacities"], 5.2)
     return ((*head, OrderedDict(weight=features), road), 30000)
 
 
-def class_state(rng, count, **more):
+def build_class_state(rng, count, **more):
     """A class of drivestudio's Gaussians."""
-    arrays = splat_arrays(rng, count, rest=more.pop("rest", 15))
+    arrays = build_splat_arrays(rng, count, rest=more.pop("rest", 15))
     names = {"_means": "means", "_quats": "quats", "_scales": "scales", "_opacities": "opacities"}
     names |= {"_features_dc": "dc", "_features_rest": "rest"}
     return OrderedDict({name: arrays[key] for name, key in names.items()} | more)
 
 
-def node_fields(rng, owners, frames, sizes):
+def build_node_fields(rng, owners, frames, sizes):
     """What drivestudio's nodes have beside their Gaussians: instances that move along x and turn."""
     count = len(sizes)
     angles = rng.uniform(-2, 2, (frames, count))
@@ -143,7 +145,7 @@ def node_fields(rng, owners, frames, sizes):
     }
 
 
-def bending_weights(rng, embedding=4, frequencies=2, width=8, layers=4):
+def build_bending_weights(rng, embedding=4, frequencies=2, width=8, layers=4):
     """A small deformation network of drivestudio, with a head for positions and one for rotations."""
     given = embedding + 4 + 8 * frequencies
     tensors = {}
@@ -157,7 +159,7 @@ def bending_weights(rng, embedding=4, frequencies=2, width=8, layers=4):
     return tensors
 
 
-def body_buffers(rng, people, resolution=(2, 4, 4)):
+def build_body_buffers(rng, people, resolution=(2, 4, 4)):
     """Buffers of SMPL's template, with the canonical pose as the rest pose."""
     joints = rng.normal(0, 0.4, (people, 24, 3)).astype(np.float32)
     inverse = np.tile(np.eye(4, dtype=np.float32), (people, 24, 1, 1))
@@ -174,30 +176,34 @@ def body_buffers(rng, people, resolution=(2, 4, 4)):
     }
 
 
-def drivestudio_content(rng, frames=5):
+def build_drivestudio_content(rng, frames=5):
     """Background, two cars, a deformable thing, a person and a sky."""
-    background = class_state(rng, 30)
-    rigid = class_state(rng, 20, **node_fields(rng, [0] * 12 + [1] * 8, frames, [[4.5, 1.9, 1.5], [4.2, 1.8, 1.5]]))
+    background = build_class_state(rng, 30)
+    rigid = build_class_state(
+        rng, 20, **build_node_fields(rng, [0] * 12 + [1] * 8, frames, [[4.5, 1.9, 1.5], [4.2, 1.8, 1.5]])
+    )
     rigid["instances_fv"][:2, 1] = False
-    soft = class_state(rng, 10, **node_fields(rng, [0] * 10, frames, [[0.9, 0.8, 1.7]]), **bending_weights(rng))
+    soft = build_class_state(
+        rng, 10, **build_node_fields(rng, [0] * 10, frames, [[0.9, 0.8, 1.7]]), **build_bending_weights(rng)
+    )
     soft["instances_embedding"] = rng.normal(0, 1, (1, 4)).astype(np.float32)
-    person = class_state(rng, 14, rest=3, **node_fields(rng, [0] * 14, frames, [[0.6, 0.5, 1.8]]))
+    person = build_class_state(rng, 14, rest=3, **build_node_fields(rng, [0] * 14, frames, [[0.6, 0.5, 1.8]]))
     person["instances_quats"] = person["instances_quats"][:, :, None]
     limbs = rng.normal(0, 0.2, (frames, 1, 23, 4)).astype(np.float32)
     limbs[..., 0] = 1
     person["smpl_qauts"] = limbs
-    person |= body_buffers(rng, 1)
+    person |= build_body_buffers(rng, 1)
     models = {"Background": background, "RigidNodes": rigid, "DeformableNodes": soft, "SMPLNodes": OrderedDict(person)}
     models["Sky"] = OrderedDict(base=rng.uniform(0, 1, (6, 4, 4, 3)).astype(np.float32))
     models["Affine"] = OrderedDict(weight=np.zeros((2, 2), np.float32))
     return OrderedDict({"models": models, "step": 30000})
 
 
-def street_content(rng):
+def build_street_content(rng):
     """StreetGaussians' background, an object whose colour changes, and a sky."""
 
     def state(count, series):
-        a = splat_arrays(rng, count)
+        a = build_splat_arrays(rng, count)
         dc = rng.normal(0, 1, (count, series, 3)).astype(np.float32)
         fields = {"xyz": a["means"], "feature_dc": dc, "feature_rest": a["rest"], "scaling": a["scales"]}
         return fields | {
