@@ -23,6 +23,17 @@ from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.bake import freeze_at_time
+from instdrive_core.formats.checkpoints.sample_files import (
+    build_captured_content,
+    build_drivestudio_content,
+    build_gsplat_content,
+    build_hugsim_content,
+    build_splatfacto_content,
+    build_street_content,
+    write_checkpoint,
+    write_street_tracks,
+    write_training_folder,
+)
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.formats.spz.scenes import write_spz
 from instdrive_core.project.edit_log import LoggedHistory, diff_histories
@@ -67,6 +78,7 @@ def list_seeds() -> tuple[Seed, ...]:
             *_list_edit_seeds(Path(name)),
             *list_clip_seeds(Seed),
             *list_layout_seeds(Seed),
+            *_list_checkpoint_seeds(Path(name) / "checkpoints"),
         )
 
 
@@ -185,6 +197,32 @@ def zip_members(members: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED
         for name, data in members.items():
             archive.writestr(zipfile.ZipInfo(name), data, method)
     return file.getvalue()
+
+
+def _list_checkpoint_seeds(folder: Path) -> Iterator[Seed]:
+    rng = np.random.default_rng(6)
+    contents = {
+        "captured.pth": build_captured_content(rng),
+        "hugsim.pth": build_hugsim_content(rng),
+        "drivestudio.pth": build_drivestudio_content(rng),
+        "gsplat.pt": build_gsplat_content(rng),
+        "splatfacto.ckpt": build_splatfacto_content(rng),
+        "iteration_9.pth": build_street_content(rng),
+    }
+    for name, content in contents.items():
+        root = folder / name.partition(".")[0]
+        write_checkpoint(root / name, content)
+        if name == "splatfacto.ckpt":
+            fields = {"transform": np.eye(3, 4).tolist(), "scale": 0.5}
+            (root / "dataparser_transforms.json").write_text(json.dumps(fields))
+        if name == "iteration_9.pth":
+            write_street_tracks(root)
+        yield Seed("checkpoint", name, read_files_below(root), name)
+    still = replace(freeze_at_time(_small_street(), 0.2), views=(), sky=None, exposures=None)
+    run = write_training_folder(folder / "run", lambda path: save_scene(path, still))
+    settings = run / "cfg_args"  # the temporary folder's name would damage other bytes in each run
+    settings.write_text(settings.read_text().replace(str(folder), "data"))
+    yield Seed("training_folder", "run", read_files_below(run))
 
 
 def _list_edit_seeds(folder: Path) -> Iterator[Seed]:

@@ -35,7 +35,9 @@ def convert(
     if is_project(out):
         remedy = f"`instdrive apply {scene} -o {out}` makes a project of a scene"
         raise DataError(out, "a project keeps edits and no splats, so nothing can be converted into one", remedy)
-    opened = open_edited_scene(scene, keep_every)
+    opened = open_edited_scene(scene, keep_every, time)
+    for sentence in opened.left_out:
+        print(f"left out on opening: {sentence}")
     in_one_file = bool(out.suffix) and not out.is_dir()
     if time is not None or (in_one_file and opened.actors):
         time = choose_time(opened, time)

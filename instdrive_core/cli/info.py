@@ -114,6 +114,7 @@ def _list_facts(scene: Scene) -> list[tuple[str, str]]:
     facts.append(("sky", f"cube map of {scene.sky.faces.shape[1]} px faces" if scene.sky is not None else "none"))
     if scene.extra:
         facts.append(("more columns", ", ".join(scene.extra)))
+    facts += [("left out", sentence) for sentence in scene.left_out]
     return facts
 
 

@@ -99,6 +99,9 @@ class Clip:
     """True tracks of a synthetic clip whose cuboids have errors; for evaluation only."""
     notes: tuple[str, ...] = ()
     """Facts that a user should know before training, e.g. that the clip's scale is unknown."""
+    world_from_file: Float64[ndarray, "3 4"] | None = None
+    """[s R | t] from the world of the photos' own files to the clip's, before `origin` is subtracted; None where they
+    are the same."""
 
     @property
     def training_frames(self) -> tuple[Frame, ...]:

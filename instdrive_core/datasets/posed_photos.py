@@ -126,6 +126,7 @@ def build_photo_clip(
         camera_names=tuple(dict.fromkeys(get_camera_name(photo) for _, photo in chosen)),
         points=SparsePoints((world.transform_points(points.points) - origin).astype(np.float32), points.colors),
         notes=(*missing, *notes, *world.notes, describe_start(len(points.points))),
+        world_from_file=np.c_[world.scale * world.rotation, np.zeros(3)],
     )
 
 

@@ -9,13 +9,8 @@ pickle is read, and every other name is refused. The columns are then taken out 
 from __future__ import annotations
 
 import gzip
-import io
-import pickle
-import struct
 import zlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
 
 from numpy import ndarray
 
@@ -37,12 +32,12 @@ from instdrive_core.files.pickled_table import (
     extract_columns,
 )
 from instdrive_core.files.plain_file import require_plain_file
+from instdrive_core.files.recording_unpickler import TRUST_REMEDY, RecordingUnpickler
 
 MAX_DECOMPRESSED_BYTES = 64 * 2**20
 """Limit for one unpacked file; a PandaSet sweep unpacks to 8 MB. Also bounds how many objects a file can ask for."""
 
-_REMEDY = "Get the file again from a source you trust"
-
+_SAVE_PLAIN = TRUST_REMEDY + ", or, if you wrote it yourself, save plain numpy columns (bool, int, float, object)"
 _NUMPY_CORES = ("numpy.core", "numpy._core")
 _INDEX_CLASSES = ("Index", "RangeIndex")
 _OLD_INDEX_CLASSES = ("Int64Index", "UInt64Index", "Float64Index")
@@ -87,11 +82,11 @@ def read_pickle(path: str | Path) -> dict[str, ndarray]:
     path = Path(path)
     content = _read_content(path)
     try:
-        return extract_columns(_RecordingUnpickler(path, content).load())
+        return extract_columns(RecordingUnpickler(path, content, ALLOWED, "table", _SAVE_PLAIN).load())
     except UntrustedDataError:
         raise
     except Exception as error:  # a damaged pickle may raise anything at all
-        raise DataError(path, f"holds no readable table ({type(error).__name__}: {error})", _REMEDY) from error
+        raise DataError(path, f"holds no readable table ({type(error).__name__}: {error})", TRUST_REMEDY) from error
 
 
 def _read_content(path: Path) -> bytes:
@@ -103,87 +98,8 @@ def _read_content(path: Path) -> bytes:
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "Check the clip's folder") from error
     except (OSError, EOFError, zlib.error) as error:
-        raise DataError(path, f"cannot be unpacked ({error})", _REMEDY) from error
+        raise DataError(path, f"cannot be unpacked ({error})", TRUST_REMEDY) from error
     if len(content) > MAX_DECOMPRESSED_BYTES:
         limit = MAX_DECOMPRESSED_BYTES // 2**20
-        raise DataError(path, f"unpacks to more than {limit} MB", "No file of a clip is that large; " + _REMEDY)
+        raise DataError(path, f"unpacks to more than {limit} MB", "No file of a clip is that large; " + TRUST_REMEDY)
     return content
-
-
-def _check_keys(keys: list[Any]) -> None:
-    """Refuse compound keys: C code hashes tuples in tuples without a limit of depth (the process dies) or time."""
-    for key in keys:
-        if key is not None and type(key) not in (str, bytes, int, float, bool):
-            raise pickle.UnpicklingError(f"a {type(key).__name__} stands as a key")
-
-
-_PLAIN: dict[int, Callable[[Any], None]] = dict(pickle._Unpickler.dispatch)  # pyright: ignore[reportPrivateUsage]
-"""Actions of the opcodes in any pickle."""
-
-
-class _RecordingUnpickler(pickle._Unpickler):  # pyright: ignore[reportPrivateUsage]
-    """Gives records instead of functions and classes.
-
-    The Python implementation on purpose: in the C one, a forged memo index allocates memory without a limit.
-    """
-
-    dispatch: ClassVar[dict[int, Callable[[Any], None]]] = dict(_PLAIN)
-    read: Callable[[int], bytes]
-    append: Callable[[Any], None]
-    stack: list[Any]
-
-    def __init__(self, path: Path, content: bytes) -> None:
-        super().__init__(io.BytesIO(content))
-        self._path, self._size = path, len(content)
-
-    def load_bytearray8(self) -> None:
-        """Load bytes, after the length that the file claims is checked: the base class allocates it blindly."""
-        (length,) = struct.unpack("<Q", self.read(8))
-        if length > self._size:
-            raise pickle.UnpicklingError(f"{length} bytes are announced in a file of {self._size}")
-        self.append(bytearray(self.read(length)))
-
-    dispatch[pickle.BYTEARRAY8[0]] = load_bytearray8
-
-    def load_setitem(self) -> None:
-        """Set an item after its keys are checked (`_check_keys`)."""
-        _check_keys(self.stack[-2:-1])
-        _PLAIN[pickle.SETITEM[0]](self)
-
-    dispatch[pickle.SETITEM[0]] = load_setitem
-
-    def load_setitems(self) -> None:
-        """Set items after their keys are checked (`_check_keys`)."""
-        _check_keys(self.stack[::2])
-        _PLAIN[pickle.SETITEMS[0]](self)
-
-    dispatch[pickle.SETITEMS[0]] = load_setitems
-
-    def load_dict(self) -> None:
-        """Build a dict after its keys are checked (`_check_keys`)."""
-        _check_keys(self.stack[::2])
-        _PLAIN[pickle.DICT[0]](self)
-
-    dispatch[pickle.DICT[0]] = load_dict
-
-    def load_set(self) -> None:
-        """Refuse sets: no table holds one, and every element would be hashed."""
-        raise pickle.UnpicklingError("a set stands where no table has one")
-
-    dispatch[pickle.EMPTY_SET[0]] = dispatch[pickle.FROZENSET[0]] = dispatch[pickle.ADDITEMS[0]] = load_set
-
-    def find_class(self, module: str, name: str) -> type[Recorded]:
-        recorded = ALLOWED.get((module, name))
-        if recorded is None:
-            raise UntrustedDataError(
-                self._path,
-                f"asks for '{module}.{name}', which no table needs; nothing of it was run",
-                _REMEDY + ", or, if you wrote it yourself, save plain numpy columns (bool, int, float, object)",
-            )
-        return recorded
-
-    def get_extension(self, code: int) -> Any:
-        raise UntrustedDataError(self._path, f"asks for the registered extension {code}; nothing was run", _REMEDY)
-
-    def persistent_load(self, pid: Any) -> Any:
-        raise UntrustedDataError(self._path, f"asks for the outside object {pid!r}; nothing was run", _REMEDY)

@@ -36,6 +36,8 @@ class ReadOptions:
     """Read every k-th row (0, k, 2k …), and take memory for these only."""
     memory_factor: float = MEMORY_TO_READ
     """Memory that must be free, as a multiple of the arrays."""
+    time: float | None = None
+    """Seconds into the drive at which things that bend get their shape; None takes the middle of each one's track."""
 
     def count_kept(self, count: int) -> int:
         """Count the rows that are read of `count`."""

@@ -8,6 +8,8 @@ from pathlib import Path
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.formats.allocation import MEMORY_TO_READ, ReadOptions, enlarge_splats
+from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
+from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
 from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
 from instdrive_core.formats.ply.records import COMPRESSED_PLY, INRIA_PLY, SIBR_PLY
 from instdrive_core.formats.scene_format import Format
@@ -26,11 +28,17 @@ FORMATS: tuple[Format, ...] = (
     SOG_ARCHIVE,
     SCENE_FOLDER,
     SOG_FOLDER,
+    CHECKPOINT_PTH,
+    CHECKPOINT_PT,
+    CHECKPOINT_CKPT,
+    TRAINING_FOLDER,
 )
 """Every format, in the order of dialogs. A folder has the first format that recognises it."""
 
 
-def open_scene(path: str | Path, keep_every: int = 1, memory_factor: float = MEMORY_TO_READ) -> Scene:
+def open_scene(
+    path: str | Path, keep_every: int = 1, memory_factor: float = MEMORY_TO_READ, *, time: float | None = None
+) -> Scene:
     """Open a scene file, or a run folder that holds a scene.
 
     Args:
@@ -38,12 +46,13 @@ def open_scene(path: str | Path, keep_every: int = 1, memory_factor: float = MEM
         keep_every: k opens every k-th splat only, made larger so that together they cover what all did; memory is
             taken for these.
         memory_factor: the memory that there must be, as a multiple of the scene's arrays.
+        time: seconds into the drive at which things that bend get their shape, where a file holds such things.
 
     Raises DataError where it is no scene, or damaged; SceneTooLargeError where it does not fit into memory.
     """
     if keep_every < 1:
         raise OptionError(f"every {keep_every}th splat cannot be opened; give a whole number from 1")
-    options = ReadOptions(keep_every, memory_factor)
+    options = ReadOptions(keep_every, memory_factor, time)
     scene = _read(Path(path), options)
     if keep_every > 1:
         enlarge_splats(scene.gaussians.log_scales, keep_every)

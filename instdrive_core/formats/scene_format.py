@@ -74,6 +74,9 @@ class Format:
     format says nothing."""
     folder: FolderLayout | None = None
     """None for formats of single files."""
+    in_world_of_photos: bool = False
+    """Whether other trainers write it, in the world of the files that they read the cameras from; scenes of this
+    program are in the world of its clips, which is upright and in metres."""
 
     def __post_init__(self) -> None:
         if (self.write is None) != (self.fidelity is None):

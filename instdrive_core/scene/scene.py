@@ -56,6 +56,8 @@ class Scene:
     """What its photos show moving and it does not hold."""
     start: Camera | None = None
     """Where the user looked from when it was exported; a .ply keeps it, with the sky."""
+    left_out: tuple[str, ...] = ()
+    """What its file holds and it does not, each with the reason; said when the file is opened, never saved."""
 
     def __post_init__(self) -> None:
         count = len(self.gaussians)

@@ -21,6 +21,8 @@ from instdrive_core.maths.sh_rotation import rotate_rest
 from instdrive_core.scene.entry_palette import EntryPalette
 from instdrive_core.scene.gaussians import Gaussians
 
+_BLOCK_ROWS = 1 << 16
+"""Rows transformed at a time, so that the temporary arrays stay small."""
 Similarity = Float64[ndarray, "3 4"]
 """[s R | t]."""
 
@@ -152,3 +154,20 @@ def bake_transforms(gaussians: Gaussians, palette: TransformPalette, entries: UI
             turns = np.broadcast_to(quaternion_from_matrix(rotation), (len(rows), 4))
             gaussians.quats[rows] = multiply_quaternions(turns, normalize_quaternions(gaussians.quats[rows]))
             gaussians.sh_rest[rows] = rotate_rest(gaussians.sh_rest[rows], rotation)
+
+
+def transform_gaussians(gaussians: Gaussians, matrix: Similarity) -> None:
+    """Turn, scale and shift Gaussians by [s R | t], in place and block by block."""
+    scale = extract_scale(matrix)
+    rotation = matrix[:, :3] / scale
+    turn = quaternion_from_matrix(rotation)
+    is_turned = not np.array_equal(rotation, np.eye(3))
+    with np.errstate(over="ignore", invalid="ignore"):  # the linter reports what is not finite
+        for start in range(0, len(gaussians), _BLOCK_ROWS):
+            rows = slice(start, start + _BLOCK_ROWS)
+            gaussians.means[rows] = gaussians.means[rows] @ matrix[:, :3].T + matrix[:, 3]
+            gaussians.log_scales[rows] += np.float32(np.log(scale))
+            if is_turned:
+                quats = normalize_quaternions(gaussians.quats[rows])
+                gaussians.quats[rows] = multiply_quaternions(np.broadcast_to(turn, quats.shape), quats)
+                gaussians.sh_rest[rows] = rotate_rest(gaussians.sh_rest[rows], rotation)

@@ -10,6 +10,15 @@ from sog_files import files_of, meta_of, random_bytes, write_archive, write_fold
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.allocation import ReadOptions
+from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
+from instdrive_core.formats.checkpoints.sample_files import (
+    build_captured_content,
+    build_gsplat_content,
+    build_splatfacto_content,
+    write_checkpoint,
+    write_training_folder,
+)
+from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
 from instdrive_core.formats.read_back import find_loss, save_and_verify
 from instdrive_core.formats.registry import (
     FORMATS,
@@ -41,12 +50,23 @@ def sog_files():
     return files_of(random_bytes(rng, COUNT), meta)
 
 
+def checkpoint_writer(name, content):
+    return lambda folder: write_checkpoint(folder / name, content(np.random.default_rng(0), COUNT))
+
+
 SAMPLES = {
     SOG_ARCHIVE.title: lambda folder: write_archive(folder / "street.sog", sog_files()),
     SOG_FOLDER.title: lambda folder: write_folder(folder / "street", sog_files()),
+    CHECKPOINT_PTH.title: checkpoint_writer("street.pth", build_captured_content),
+    CHECKPOINT_PT.title: checkpoint_writer("street.pt", build_gsplat_content),
+    CHECKPOINT_CKPT.title: checkpoint_writer("street.ckpt", build_splatfacto_content),
+    TRAINING_FOLDER.title: lambda folder: write_training_folder(
+        folder / "street", lambda path: save_scene(path, still_scene())
+    ),
 }
 """How a format that the program does not write comes by a file: a new one needs an entry."""
-PATHS = {SOG_ARCHIVE.title: "street.sog", SOG_FOLDER.title: "street"}
+PATHS = {SOG_ARCHIVE.title: "street.sog", SOG_FOLDER.title: "street", TRAINING_FOLDER.title: "street"}
+PATHS |= {fmt.title: f"street{fmt.suffix}" for fmt in (CHECKPOINT_PTH, CHECKPOINT_PT, CHECKPOINT_CKPT)}
 
 
 def sample(fmt, folder):

@@ -14,7 +14,10 @@ from instdrive_core.cli.info import print_info
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
+from instdrive_core.formats.checkpoints.sample_files import build_gsplat_content, write_checkpoint
 from instdrive_core.formats.folder.scenes import read_scene_folder
+from instdrive_core.training.backends.cpu_backend import CpuBackend
+from instdrive_core.training.build_trainer import build_trainer_from_scene
 from instdrive_core.training.gaussians.first_gaussians import build_initial_scene
 from instdrive_core.training.gaussians.points_without_lidar import gather_points_without_lidar
 from instdrive_core.training.run import RunRequest, run_training
@@ -121,3 +124,15 @@ def rename_frames(clip):
     """The clip with the camera's name that nerfstudio's folder gives it."""
     frames = (replace(frame, view=replace(frame.view, name="camera")) for frame in clip.frames)
     return replace(clip, frames=tuple(frames))
+
+
+def test_a_checkpoint_of_another_trainer_is_moved_to_where_the_clip_is(model, tmp_path):
+    clip = load_clip(str(write_colmap_binary(tmp_path / "clip", model)), ClipOptions(scale=1.0))
+    content = build_gsplat_content(np.random.default_rng(2), len(model.points))
+    content["splats"]["means"] = model.listed_points().astype(np.float32)
+    path = write_checkpoint(tmp_path / "ckpt_6999_rank0.pt", content)
+    with open_view_store(clip, None) as store:
+        config = build_train_config("instdrive", "demo", seed=1)
+        trainer = build_trainer_from_scene(config, clip, store, path, CpuBackend())
+    np.testing.assert_allclose(trainer.model.gaussians().means, clip.points.points, atol=1e-4)
+    assert np.abs(clip.points.points - model.listed_points()).max() > 0.5  # the clip is upright, the file is not
