@@ -129,6 +129,10 @@ class EditorState:
     """Instance under the cursor; 0 = none."""
     stack: Stack | None = None
     """What lies behind each other where the user has clicked again; None unless that is listed."""
+    picture_size: tuple[int, int] = (1280, 720)
+    """Width and height, in pixels, at which the view is shown."""
+    cut_out_screenshots: bool = False
+    """Whether screenshots are see-through where no splat is."""
     tool: str = "pick"
     """Name of the tool in the user's hand."""
     region_splats: bool = False

@@ -16,6 +16,7 @@ from instdrive_app.actions import (
     help,
     labels,
     move,
+    pictures,
     reference,
     select,
     time_steps,
@@ -24,7 +25,7 @@ from instdrive_app.actions import (
 )
 from instdrive_app.session.editor_session import EditorSession
 
-TOPICS = (file, edit, select, labels, tools, move, view, deletion_review, reference, time_steps)
+TOPICS = (file, edit, select, labels, tools, move, view, pictures, deletion_review, reference, time_steps)
 
 
 def register_actions(session: EditorSession, *more: Callable[[EditorSession], list[Action]]) -> None:

@@ -32,12 +32,13 @@ What = Literal["scene", "selection", "instances", "actors", "objects", "masks", 
 WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
 """Endings of scene files."""
 _BAKING = 0.2
-_MODES: dict[ViewMode, Mode] = {
+RENDERED_MODES: dict[ViewMode, Mode] = {
     ViewMode.COLOR: "color",
     ViewMode.INSTANCE: "instance",
     ViewMode.CODEWORD: "codeword",
     ViewMode.DEPTH: "depth",
 }
+"""What the core draws for each view mode."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request
     camera = camera.scale(request.choice.scale)
     if max(camera.width, camera.height) > MAX_SIDE:
         raise OptionError(f"a picture of {camera.width} × {camera.height} pixels is too large; choose a smaller size")
-    save_png(path, colorize_preview(scene, view_scene(scene, camera, time), _MODES[request.view_mode]))
+    save_png(path, colorize_preview(scene, view_scene(scene, camera, time), RENDERED_MODES[request.view_mode]))
 
 
 def _describe_parts(written: ExportedParts, noun: str, folder: Path) -> str:

@@ -103,6 +103,11 @@ class Navigation:
         """Leave the dataset camera and look from a viewpoint."""
         self._state.viewpoint, self._state.dataset_view = viewpoint, None
 
+    def look_from_kept(self, viewpoint: Viewpoint, time: float) -> None:
+        """Look from a viewpoint at a time in seconds, without a dataset camera."""
+        self.look_from(viewpoint)
+        self._state.time = time
+
     def look_through(self, index: int) -> None:
         """Look through a dataset camera, at its time."""
         document = self._context.document

@@ -57,6 +57,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         },
         "hovered": session.state.hovered,
         "tool": session.state.tool,
+        "bookmarks": [kept.name for kept in session.bookmarks.kept],
         "selected": list(session.selection.ids),
         "selected_splats": int(np.count_nonzero(document.state.find_mask(Flag.SELECTED))),
         "visible": list(document.find_visible_instances()),

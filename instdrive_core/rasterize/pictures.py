@@ -36,6 +36,20 @@ def colorize_preview(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray,
             return colorize_depth(shown.depth, shown.alpha >= 0.5)
 
 
+def cut_out_preview(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray, "h w 4"]:
+    """Draw the pixels of one mode as RGBA: see-through where no splat is. Draw `shown` without a sky.
+
+    Colours are not premultiplied. Pixels of other modes than colour are there or not.
+    """
+    if mode == "color":
+        alpha = np.clip(shown.alpha, 0, 1)[..., None]
+        color = np.clip(shown.color / np.maximum(alpha, 1e-6), 0, 1)
+        return np.round(np.concatenate([color, alpha], axis=-1) * 255).astype(np.uint8)
+    picture = colorize_preview(scene, shown, mode)
+    there = picture.any(axis=-1, keepdims=True)
+    return np.concatenate([picture, np.where(there, 255, 0).astype(np.uint8)], axis=-1)
+
+
 def colorize_depth(depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
     """Draw depth in colours: near violet, far red, nothing black; the ramp spans 1 % to 99 % of the depths present."""
     colors = np.zeros((*depth.shape, 3), np.uint8)
