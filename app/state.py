@@ -152,6 +152,8 @@ class EditorState:
     is_solo: bool = False
     """Whether instances are shown alone; the session keeps it up to date."""
     show_outlines: bool = True
+    show_grid: bool = False
+    """Whether a grid lies on the ground."""
     stay_above_ground: bool = True
     """Whether orbiting stops above the ground."""
     reference: Reference = Reference.NONE

@@ -54,7 +54,7 @@ def _list_screenshots(session: EditorSession) -> list[Action]:
 
 
 def _list_bookmarks(session: EditorSession) -> list[Action]:
-    bookmarks = session.bookmarks
+    bookmarks = session.aids.bookmarks
 
     def has_bookmarks() -> bool:
         return session.document is not None and len(bookmarks) > 0
@@ -150,7 +150,7 @@ def _list_bookmarks(session: EditorSession) -> list[Action]:
 
 def keep_view(session: EditorSession) -> None:
     """Keep the present view, and say under which name."""
-    kept = session.bookmarks.keep(session.state.viewpoint, session.state.time)
+    kept = session.aids.bookmarks.keep(session.state.viewpoint, session.state.time)
     if kept is None:
         session.messages.error(f"{MOST} views are kept already; delete some in the Views panel")
     else:
@@ -159,14 +159,14 @@ def keep_view(session: EditorSession) -> None:
 
 def show_bookmark(session: EditorSession, index: int) -> None:
     """Look from a kept view."""
-    kept = session.bookmarks.kept[index]
-    session.bookmarks.current = index
+    kept = session.aids.bookmarks.kept[index]
+    session.aids.bookmarks.current = index
     session.navigation.look_from_kept(kept.viewpoint, kept.time)
 
 
 def delete_view(session: EditorSession, index: int | None) -> None:
     """Forget a kept view, and say so."""
     if index is not None:
-        name = session.bookmarks.kept[index].name
-        session.bookmarks.delete(index)
+        name = session.aids.bookmarks.kept[index].name
+        session.aids.bookmarks.delete(index)
         session.messages.info(f"{name} is no longer kept")

@@ -86,6 +86,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         _create_switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
         _create_switch(session, "view.plain_solo", "Plain backdrop when shown alone", "plain_solo", "ICON_FA_SQUARE"),
         _create_switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
+        _create_switch(session, "view.grid", "Grid on the ground", "show_grid", "ICON_FA_BORDER_ALL", key="Shift+G"),
         _create_switch(
             session, "view.above_ground", "Orbit above the ground only", "stay_above_ground", "ICON_FA_ROAD"
         ),
@@ -93,7 +94,7 @@ def list_actions(session: EditorSession) -> list[Action]:
 
 
 def _create_switch(
-    session: EditorSession, command_id: str, title: str, field: str, icon: str, separator: bool = False
+    session: EditorSession, command_id: str, title: str, field: str, icon: str, separator: bool = False, key: str = ""
 ) -> Action:
     def toggle() -> None:
         setattr(session.state, field, not getattr(session.state, field))
@@ -103,6 +104,7 @@ def _create_switch(
         title,
         toggle,
         "View",
+        (key,) if key else (),
         checked=lambda: getattr(session.state, field),
         icon=icon,
         separator=separator,

@@ -15,6 +15,8 @@ _NAMED = {
     "-": "minus",
     "[": "left_bracket",
     "]": "right_bracket",
+    ",": "comma",
+    ".": "period",
     "PageDown": "page_down",
     "PageUp": "page_up",
 }

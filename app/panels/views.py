@@ -27,17 +27,17 @@ class ViewsPanel:
         draw_action_button(ui, ui.session.actions["view.keep"])
         imgui.same_line()
         draw_dim_text(fit_text("keeps the present view", imgui.get_content_region_avail().x))
-        if not len(ui.session.bookmarks):
+        if not len(ui.session.aids.bookmarks):
             imgui.push_text_wrap_pos(0)
             imgui.text_disabled("Kept views are saved with the project.")
             imgui.pop_text_wrap_pos()
-        for index, kept in enumerate(ui.session.bookmarks.kept):
+        for index, kept in enumerate(ui.session.aids.bookmarks.kept):
             imgui.push_id(index)
             self._draw_row(ui, index, kept)
             imgui.pop_id()
 
     def _draw_row(self, ui: Ui, index: int, kept: Bookmark) -> None:
-        bookmarks, at = ui.session.bookmarks, imgui.get_cursor_screen_pos()
+        bookmarks, at = ui.session.aids.bookmarks, imgui.get_cursor_screen_pos()
         width, height = (scale_pixels(SMALL * length) for length in THUMBNAIL)
         if imgui.invisible_button("##go", ImVec2(width, height)):
             show_bookmark(ui.session, index)
@@ -66,18 +66,18 @@ class ViewsPanel:
 
     def _draw_name(self, ui: Ui, index: int, kept: Bookmark) -> None:
         room = imgui.get_content_region_avail().x
-        chosen = ui.session.bookmarks.current == index
+        chosen = ui.session.aids.bookmarks.current == index
         clicked = imgui.selectable(
             fit_text(kept.name, room), chosen, imgui.SelectableFlags_.allow_double_click, ImVec2(room, 0)
         )[0]
         ui.mark(f"views.name.{index}")
         if clicked and imgui.is_mouse_double_clicked(0):
-            ui.session.bookmarks.named = index
+            ui.session.aids.bookmarks.named = index
         elif clicked:
             show_bookmark(ui.session, index)
 
     def _draw_name_field(self, ui: Ui, index: int, kept: Bookmark) -> None:
-        bookmarks = ui.session.bookmarks
+        bookmarks = ui.session.aids.bookmarks
         if self._begun != index:
             self._typed, self._begun = kept.name, index
             imgui.set_keyboard_focus_here()
@@ -94,11 +94,11 @@ class ViewsPanel:
 def keep_thumbnails(ui: Ui) -> None:
     """Take the small picture of a kept view once the window shows it completely."""
     snapshot = ui.view.snapshot
-    if snapshot is None or not len(ui.session.bookmarks) or not ui.view.settled:
+    if snapshot is None or not len(ui.session.aids.bookmarks) or not ui.view.settled:
         return
-    index = ui.session.bookmarks.find_pictureless(snapshot.camera.world_from_camera, snapshot.time)
+    index = ui.session.aids.bookmarks.find_pictureless(snapshot.camera.world_from_camera, snapshot.time)
     if index is not None:
-        ui.session.bookmarks.set_thumbnail(index, ui.view.renderer.read_picture())
+        ui.session.aids.bookmarks.set_thumbnail(index, ui.view.renderer.read_picture())
 
 
 def _draw_thumbnail(ui: Ui, index: int, kept: Bookmark, at: ImVec2, width: float, height: float) -> None:
@@ -115,5 +115,5 @@ def _draw_thumbnail(ui: Ui, index: int, kept: Bookmark, at: ImVec2, width: float
         left, top = at.x + (width - columns * factor) / 2, at.y + (height - rows * factor) / 2
         texture = imgui.ImTextureRef(ui.textures.show(f"kept view {index}", kept.thumbnail))
         draw.add_image(texture, ImVec2(left, top), ImVec2(left + columns * factor, top + rows * factor))
-    is_current = ui.session.bookmarks.current == index
+    is_current = ui.session.aids.bookmarks.current == index
     draw.add_rect(at, corner, pack_color(ACCENT if is_current else LINE), scale_pixels(3), thickness=scale_pixels(1.5))

@@ -9,7 +9,7 @@ from typing import Any
 from instdrive_app.action import ActionRegistry
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
-from instdrive_app.session.aids.bookmarks import Bookmarks
+from instdrive_app.session.aids.aids import Aids
 from instdrive_app.session.aids.screenshots import Screenshots
 from instdrive_app.session.bounds_updater import BoundsUpdater
 from instdrive_app.session.color_controller import ColorController
@@ -55,8 +55,8 @@ class EditorSession:
         self.history = HistoryController(self.jobs, self.messages)
         context = SessionContext(self.state, self.history, self.jobs, self.messages, self.requests, self.wake)
 
-        self.bookmarks = Bookmarks()
-        self.files = DocumentFiles(context, self._enter, self._store_more, lambda: self.bookmarks.version)
+        self.aids = Aids(context)
+        self.files = DocumentFiles(context, self._enter, self._store_more, lambda: self.aids.bookmarks.version)
         self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)
         self.navigation = Navigation(context)
@@ -84,7 +84,7 @@ class EditorSession:
         scene = document.scene
         document.can_defer_bounds = True
         self.history.enter(document)
-        self.bookmarks.clear()
+        self.aids.forget()
         self.files.enter(document, path, saved)
         self.state.hovered = 0
         self.references.forget()
@@ -103,7 +103,7 @@ class EditorSession:
         if opened.view is not None:
             restore_view(opened.view, self.state, self.navigation, len(opened.document.scene.views))
             self.navigation.keep_start()
-            self.bookmarks.restore(opened.view.get("bookmarks"))
+            self.aids.bookmarks.restore(opened.view.get("bookmarks"))
         for note in opened.notes:
             self.messages.info(note)
         if opened.document.history.done:
@@ -115,12 +115,12 @@ class EditorSession:
 
     def _store_more(self) -> dict[str, Any]:
         """What a project keeps beside edits and view."""
-        return {"pending": self.deletion.review.store(), "bookmarks": self.bookmarks.store()}
+        return {"pending": self.deletion.review.store(), "bookmarks": self.aids.bookmarks.store()}
 
     def _follow_turn(self, change: Similarity) -> None:
         """Take along what knows places, after the whole scene was transformed by [s R | t]."""
         self.deletion.review.clear_all()
-        self.bookmarks.follow_scene(change)
+        self.aids.follow_scene(change)
 
     def wake(self) -> None:
         """Make the window draw a frame; can be called from any thread."""

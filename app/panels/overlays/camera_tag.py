@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.panels.overlays.ground_grid import choose_grid_spacing
 from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
 from instdrive_app.state import ViewMode
@@ -23,7 +24,8 @@ class CameraTag:
         if state.dataset_view is not None:
             view = document.scene.views[state.dataset_view]
             name = f"{view.name.replace('_', ' ')}  ·  {view.index}"
-        text = f"{get_icon('ICON_FA_VIDEO')}  {name}"
+        grid = f"  ·  grid {choose_grid_spacing(state.viewpoint):g} m" if state.show_grid else ""
+        text = f"{get_icon('ICON_FA_VIDEO')}  {name}{grid}"
         size = imgui.calc_text_size(text)
         padding, gap = scale_pixels(10), scale_pixels(5)
         right, top = place.x + place.width - padding, place.y + padding

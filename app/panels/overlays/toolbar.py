@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, pack_color, rgba
+from instdrive_app.actions.conditions import explain_disabled
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, pack_color, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
 
 MARGIN = 10.0
@@ -40,7 +41,8 @@ class Toolbar:
             number, offset = tops[command.id]
             _draw_tool_button(ui, command, ImVec2(left + number * step, top + offset), side)
             if name == ui.session.state.tool and ui.tool.options:
-                _draw_options(ui, left + len(columns) * step, top + offset, side)
+                room = place.x + place.width - scale_pixels(MARGIN) - left - len(columns) * step
+                _draw_options(ui, ImVec2(left + len(columns) * step, top + offset), side, room, top + height)
 
 
 def _arrange_columns(commands: Sequence[Action], side: float, height: float) -> list[list[tuple[Action, float]]]:
@@ -60,11 +62,18 @@ def _arrange_columns(commands: Sequence[Action], side: float, height: float) -> 
     return columns
 
 
-def _draw_options(ui: Ui, left: float, top: float, side: float) -> None:
+def _draw_options(ui: Ui, corner: ImVec2, side: float, room: float, bottom: float) -> None:
+    """Draw the options from `corner` on, in as many rows as the room to the right asks for, above `bottom`."""
     step, names = side + scale_pixels(GAP), ui.tool.options
-    _draw_plate(left, top, len(names) * step - scale_pixels(GAP), side)
+    columns = max(min(len(names), int((room - scale_pixels(2 * PADDING)) / step)), 1)
+    rows = -(-len(names) // columns)
+    height = rows * step - scale_pixels(GAP)
+    top = min(corner.y, bottom - height - scale_pixels(2 * PADDING))
+    _draw_plate(corner.x, top, columns * step - scale_pixels(GAP), height)
     for number, name in enumerate(names):
-        _draw_tool_button(ui, ui.session.actions[name], ImVec2(left + number * step, top), side)
+        row, column = divmod(number, columns)
+        at = ImVec2(corner.x + column * step, top + row * step)
+        _draw_tool_button(ui, ui.session.actions[name], at, side)
 
 
 def _draw_plate(left: float, top: float, width: float, height: float) -> None:
@@ -81,7 +90,8 @@ def _draw_tool_button(ui: Ui, command: Action, corner: ImVec2, side: float) -> N
     imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.95) if on else rgba(BACKGROUND, 0.0))
     if on:
         imgui.push_style_color(imgui.Col_.button_hovered, rgba(ACCENT))
-    imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
+    enabled = command.enabled()
+    imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT if enabled else DIM))
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, 0))
     if imgui.button(f"{get_icon(command.icon)}##{command.id}", ImVec2(side, side)):
         ui.session.actions.run(command.id)
@@ -90,4 +100,5 @@ def _draw_tool_button(ui: Ui, command: Action, corner: ImVec2, side: float) -> N
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         keys = f"  ({format_shortcut(command.shortcuts[0])})" if command.shortcuts else ""
-        imgui.set_tooltip(f"{command.title}{keys}")
+        reason = "" if enabled else f"\n{explain_disabled(ui.session, command)}"
+        imgui.set_tooltip(f"{command.title}{keys}{reason}")

@@ -46,7 +46,10 @@ def test_views_are_kept_and_pictures_taken(street_folder, tmp_path, monkeypatch)
         window.wait_for_message(f"Saved {project}")
         left, top, right, bottom = window.state["widgets"]["picture"]
         assert window.quit() == 0
-    sizes = [Image.open(path).size for path in sorted((tmp_path / "Pictures").iterdir())]
+    sizes = []
+    for path in sorted((tmp_path / "Pictures").iterdir()):
+        with Image.open(path) as picture:
+            sizes.append(picture.size)
     assert sizes == [(int(right - left), int(bottom - top)), (2 * int(right - left), 2 * int(bottom - top))]
 
     (tmp_path / "again").mkdir()

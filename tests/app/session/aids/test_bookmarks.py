@@ -81,10 +81,10 @@ def test_deleting_and_keeping_give_free_names_and_count_as_changes(bookmarks):
 
 def test_kept_views_follow_a_turned_scene(session):
     session.actions.run("view.keep")
-    before = session.bookmarks.kept[0].viewpoint.position
+    before = session.aids.bookmarks.kept[0].viewpoint.position
     session.orientation.turn(np.array([0.0, 0.0, 1.0]), 2.0)
     session.tick(0.01)
-    assert np.allclose(session.bookmarks.kept[0].viewpoint.position, 2 * before)
+    assert np.allclose(session.aids.bookmarks.kept[0].viewpoint.position, 2 * before)
 
 
 def test_commands_go_through_the_kept_views(session):
@@ -98,5 +98,5 @@ def test_commands_go_through_the_kept_views(session):
     session.actions.run("view.previous_kept")
     assert session.state.viewpoint is SIDE
     session.actions.run("view.delete_kept")
-    assert [kept.name for kept in session.bookmarks.kept] == ["View 1"]
+    assert [kept.name for kept in session.aids.bookmarks.kept] == ["View 1"]
     assert [title for title, _ in session.actions["view.kept"].items()] == ["View 1"]
