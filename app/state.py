@@ -24,6 +24,12 @@ class ViewMode(Enum):
     INSTANCE = "Instances"
     CODEWORD = "Codewords"
     DEPTH = "Depth"
+    CENTERS = "Centres"
+    RINGS = "Rings"
+
+
+SPLAT_MODES = (ViewMode.CENTERS, ViewMode.RINGS)
+"""View modes that show single splats, before a plain backdrop."""
 
 
 class Reference(Enum):
@@ -190,7 +196,7 @@ def resolve(state: EditorState, width: int, height: int, draft: bool = False) ->
         view_mode=state.view_mode,
         hovered=state.hovered,
         id_opacity=state.id_opacity,
-        show_sky=state.draws_sky,
+        show_sky=state.draws_sky and state.view_mode not in SPLAT_MODES,
         show_outlines=state.show_outlines,
         draft=draft,
     )

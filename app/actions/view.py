@@ -13,7 +13,14 @@ VIEW_MODE_ICONS = {
     ViewMode.INSTANCE: "ICON_FA_SHAPES",
     ViewMode.CODEWORD: "ICON_FA_BARCODE",
     ViewMode.DEPTH: "ICON_FA_LAYER_GROUP",
+    ViewMode.CENTERS: "ICON_FA_BRAILLE",
+    ViewMode.RINGS: "ICON_FA_CIRCLE_NOTCH",
 }
+VIEW_MODE_WORDS = {
+    ViewMode.CENTERS: ("centers", "points", "point cloud", "dots", "splats"),
+    ViewMode.RINGS: ("ellipsoids", "ellipses", "outlines of splats", "splats"),
+}
+"""Other words by which the command palette finds them."""
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -37,6 +44,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             (str(number),),
             checked=is_shown(mode),
             icon=VIEW_MODE_ICONS[mode],
+            words=VIEW_MODE_WORDS.get(mode, ()),
         )
         for number, mode in enumerate(ViewMode, start=1)
     ]

@@ -18,6 +18,8 @@ GROUP_GAP = 8.0
 PADDING = 3.0
 BUTTON = 2.1
 """Side of a button, in font sizes."""
+FEW = 7
+"""Options that stand beside their tool; more stand at the top, out of the way of what is worked on."""
 
 
 class Toolbar:
@@ -42,7 +44,8 @@ class Toolbar:
             _draw_tool_button(ui, command, ImVec2(left + number * step, top + offset), side)
             if name == ui.session.state.tool and ui.tool.options:
                 room = place.x + place.width - scale_pixels(MARGIN) - left - len(columns) * step
-                _draw_options(ui, ImVec2(left + len(columns) * step, top + offset), side, room, top + height)
+                at = ImVec2(left + len(columns) * step, top + (offset if len(ui.tool.options) <= FEW else 0.0))
+                _draw_options(ui, at, side, room, top + height)
 
 
 def _arrange_columns(commands: Sequence[Action], side: float, height: float) -> list[list[tuple[Action, float]]]:

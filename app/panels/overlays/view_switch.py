@@ -8,8 +8,8 @@ from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels, scale_size
 from instdrive_app.state import ViewMode
 
-WORDS_FROM = 40
-"""Width of the picture, in font sizes, from which buttons have words."""
+WORDS_FROM = 54
+"""Width of the picture, in font sizes, from which all buttons have words, and not only that of the present mode."""
 
 
 class ViewSwitch:
@@ -25,9 +25,8 @@ class ViewSwitch:
             on = ui.session.state.view_mode is mode
             imgui.push_style_color(imgui.Col_.button, rgba(ACCENT if on else BACKGROUND, 0.95 if on else 0.78))
             imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
-            if imgui.button(
-                f"{get_icon(command.icon)}##{command.id}" if narrow else f"{get_icon(command.icon)}  {mode.value}"
-            ):
+            word = f"##{command.id}" if narrow and not on else f"  {mode.value}"
+            if imgui.button(f"{get_icon(command.icon)}{word}"):
                 command.run()
             imgui.pop_style_color(2)
             ui.mark(command.id)

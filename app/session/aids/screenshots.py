@@ -18,8 +18,7 @@ from instdrive_core.errors import OptionError
 from instdrive_core.masks.export.id_maps import MAX_SIDE
 from instdrive_core.masks.export.id_pictures import save_png
 from instdrive_core.progress import report_span
-from instdrive_core.rasterize.pictures import Mode, colorize_preview, cut_out_preview
-from instdrive_core.rasterize.scene_view import view_scene
+from instdrive_core.rasterize.pictures import Look, draw_picture
 from instdrive_core.scene.camera import Camera
 
 _BAKING = 0.3
@@ -43,7 +42,7 @@ class Screenshots:
         source = self._files.path
         stem = source.name.split(".")[0].removesuffix("_edited") if source is not None else "scene"
         path = find_free_path(find_pictures_folder(), stem, ".png", self._writing)
-        frozen, mode, time = freeze_document(document), RENDERED_MODES[state.view_mode], state.time
+        frozen, look, time = freeze_document(document), RENDERED_MODES[state.view_mode], state.time
         with_sky, transparent = state.draws_sky, state.cut_out_screenshots
 
         def finish(_: None) -> None:
@@ -57,7 +56,7 @@ class Screenshots:
         self._writing.add(path)
         self._context.jobs.submit(
             "Taking a screenshot",
-            lambda: save_screenshot(path, frozen, camera, time, mode, with_sky, transparent),
+            lambda: save_screenshot(path, frozen, camera, time, look, with_sky, transparent),
             finish,
             modal=False,
             on_failure=handle_failure,
@@ -65,7 +64,7 @@ class Screenshots:
 
 
 def save_screenshot(
-    path: Path, document: Document, camera: Camera, time: float, mode: Mode, with_sky: bool, transparent: bool
+    path: Path, document: Document, camera: Camera, time: float, look: Look, with_sky: bool, transparent: bool
 ) -> None:
     """Draw a document at `time` (seconds) and save the picture as PNG; RGBA where it is `transparent`.
 
@@ -76,8 +75,7 @@ def save_screenshot(
         raise OptionError(f"{problem}; at most {MAX_SIDE} are possible. Choose a smaller size")
     with report_span(0.0, _BAKING):
         scene = bake_document(document, None, np.flatnonzero(document.state.drawn))
-    if transparent or not with_sky:
+    if not with_sky:
         scene = replace(scene, sky=None)
     with report_span(_BAKING, 1.0):
-        shown = view_scene(scene, camera, time)
-        save_png(path, (cut_out_preview if transparent else colorize_preview)(scene, shown, mode))
+        save_png(path, draw_picture(scene, camera, time, look, transparent))
