@@ -8,6 +8,9 @@ from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import Request
 
+QUIET = frozenset({"Escape", "Enter", "Shift+Enter", "Ctrl+Enter", "Backspace"})
+"""Keys that are pressed also where nothing is expected of them."""
+
 
 def is_editable(session: EditorSession) -> bool:
     """Whether a document is open and no modal job waits or runs."""
@@ -35,6 +38,15 @@ def explain_disabled(session: EditorSession, action: Action) -> str:
     if session.selection.is_empty:
         return "Select something first"
     return "There is nothing for it to do now"
+
+
+def run_or_explain(session: EditorSession, action: Action) -> None:
+    """Run an action, or tell the user why it cannot run; the same reason is told once while it is on screen."""
+    if session.actions.run(action.id) or QUIET.intersection(action.shortcuts):
+        return
+    reason = f"{action.title.rstrip('…')}: {explain_disabled(session, action)}"
+    if all(message.text != reason for message in session.messages.toasts):
+        session.messages.info(reason)
 
 
 def put_request(session: EditorSession, request: Request) -> Callable[[], None]:

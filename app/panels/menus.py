@@ -5,6 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.action import Action, format_shortcut
+from instdrive_app.actions.conditions import run_or_explain
 from instdrive_app.panels.widgets.ui import Ui, begin_icon_submenu, draw_icon_menu_item
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
@@ -72,7 +73,7 @@ def run_shortcuts(ui: Ui) -> None:
     for command in ui.session.actions:
         shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
         if any(imgui.is_key_chord_pressed(parse_shortcut(shortcut)) for shortcut in shortcuts):
-            ui.session.actions.run(command.id)
+            run_or_explain(ui.session, command)
 
 
 def _close_by_escape() -> None:

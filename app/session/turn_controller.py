@@ -19,6 +19,7 @@ from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.queries.scene_up import estimate_document_up
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import quaternion_from_matrix
+from instdrive_core.project.sources import has_cameras_beside
 from instdrive_core.scene.transforms import Similarity, compose_transforms, invert_transform
 from instdrive_core.scene.up_estimate import UpEstimate
 from instdrive_core.scene.upright import (
@@ -69,7 +70,7 @@ class TurnController:
         self._next_offers.clear()
         if (
             not len(document.scene.table)
-            and not document.scene.views
+            and (not document.scene.views or has_cameras_beside(document))
             and not document.history.edits
             and document.scene.start is None
         ):

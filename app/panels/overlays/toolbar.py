@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
-from instdrive_app.actions.conditions import explain_disabled
+from instdrive_app.actions.conditions import explain_disabled, run_or_explain
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, pack_color, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
 
@@ -97,7 +97,7 @@ def _draw_tool_button(ui: Ui, command: Action, corner: ImVec2, side: float) -> N
     imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT if enabled else DIM))
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, 0))
     if imgui.button(f"{get_icon(command.icon)}##{command.id}", ImVec2(side, side)):
-        ui.session.actions.run(command.id)
+        run_or_explain(ui.session, command)
     imgui.pop_style_var()
     imgui.pop_style_color(3 if on else 2)
     ui.mark(command.id)
