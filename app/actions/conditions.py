@@ -41,12 +41,30 @@ def explain_disabled(session: EditorSession, action: Action) -> str:
 
 
 def run_or_explain(session: EditorSession, action: Action) -> None:
-    """Run an action, or tell the user why it cannot run; the same reason is told once while it is on screen."""
-    if session.actions.run(action.id) or QUIET.intersection(action.shortcuts):
+    """Run an action, or tell the user why it cannot run or that it changed nothing.
+
+    The same is told once while it is on screen.
+    """
+    before = _list_traces(session)
+    if session.actions.run(action.id):
+        if not action.undoable or _list_traces(session) != before:
+            return
+        why = "nothing needs to change"
+    elif QUIET.intersection(action.shortcuts):
         return
-    reason = f"{action.title.rstrip('…')}: {explain_disabled(session, action)}"
+    else:
+        why = explain_disabled(session, action)
+    reason = f"{action.title.rstrip('…')}: {why}"
     if all(message.text != reason for message in session.messages.toasts):
         session.messages.info(reason)
+
+
+def _list_traces(session: EditorSession) -> tuple[object, ...]:
+    """What an action leaves that edits, asks, says or begins something."""
+    history = session.document.history if session.document is not None else None
+    steps = (len(history.edits), history.cursor, id(history.edits[-1]) if history.edits else 0) if history else ()
+    log = session.messages.log
+    return steps, session.requests.waiting, session.jobs.current, id(log[-1]) if log else 0
 
 
 def put_request(session: EditorSession, request: Request) -> Callable[[], None]:

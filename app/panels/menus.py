@@ -42,7 +42,7 @@ def _draw_menu_item(ui: Ui, command: Action) -> None:
     if command.items is not None:
         _draw_submenu(ui, command)
     elif draw_icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
-        ui.session.actions.run(command.id)
+        run_or_explain(ui.session, command)
     ui.mark(f"menu {command.id}")
 
 
