@@ -9,6 +9,8 @@ from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
 from instdrive_app.state import ViewMode
 
+LEGEND_HEIGHT = 50.0
+"""Height of what views other than colour show at the bottom, pixels at scale 1."""
 VIEW_BUTTONS = frozenset(f"view.{mode.name.lower()}" for mode in ViewMode)
 
 
@@ -32,6 +34,7 @@ class CameraTag:
         switch = max((rect[2] for name, rect in ui.marks.items() if name in VIEW_BUTTONS), default=0.0)
         if right - size.x - 2 * padding < switch + gap:  # no room beside the view switch
             top = place.y + place.height - padding - size.y - 2 * gap
+            top -= scale_pixels(LEGEND_HEIGHT) if state.view_mode is not ViewMode.COLOR else 0.0
         draw = imgui.get_window_draw_list()
         draw.add_rect_filled(
             ImVec2(right - size.x - 2 * padding, top),

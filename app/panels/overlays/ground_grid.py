@@ -20,7 +20,7 @@ STRONG = 5
 """Every so many lines one is stronger."""
 
 
-class GroundGrid:
+class GridOverlay:
     """Draws lines along the world's axes at the height of the ground below the middle of the view."""
 
     def __init__(self) -> None:

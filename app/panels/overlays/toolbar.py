@@ -18,6 +18,8 @@ GROUP_GAP = 8.0
 PADDING = 3.0
 BUTTON = 2.1
 """Side of a button, in font sizes."""
+LEGEND = 50.0
+"""Room at the bottom for what views other than colour show there."""
 FEW = 7
 """Options that stand beside their tool; more stand at the top, out of the way of what is worked on."""
 
@@ -33,7 +35,7 @@ class Toolbar:
         side = round(imgui.get_font_size() * BUTTON)
         left, top = place.x + scale_pixels(MARGIN), place.y + scale_pixels(2 * MARGIN) + imgui.get_frame_height()
         commands = {name: ui.session.actions[f"tool.{name}"] for name in ui.tools}
-        height = place.y + place.height - top - scale_pixels(MARGIN)
+        height = place.y + place.height - top - scale_pixels(MARGIN + LEGEND)
         columns = _arrange_columns(tuple(commands.values()), side, height)
         tops = {command.id: (number, at) for number, column in enumerate(columns) for command, at in column}
         step = side + scale_pixels(2 * PADDING + MARGIN / 2)
@@ -51,17 +53,20 @@ class Toolbar:
 def _arrange_columns(commands: Sequence[Action], side: float, height: float) -> list[list[tuple[Action, float]]]:
     """Arrange tools in columns of at most this height (pixels): each with its distance below the column's top.
 
-    A gap separates groups.
+    A gap separates groups; a group that no longer fits below the one before begins a column.
     """
     columns: list[list[tuple[Action, float]]] = [[]]
-    top = 0.0
-    for command in commands:
-        top += scale_pixels(GROUP_GAP) if command.separator and columns[-1] else 0.0
+    top, step = 0.0, side + scale_pixels(GAP)
+    for number, command in enumerate(commands):
+        if command.separator and columns[-1]:
+            following = (place for place, other in enumerate(commands) if place > number and other.separator)
+            group = (next(following, len(commands)) - number) * step
+            top = height if top + scale_pixels(GROUP_GAP) + group > height >= group else top + scale_pixels(GROUP_GAP)
         if columns[-1] and top + side > height:
             columns.append([])
             top = 0.0
         columns[-1].append((command, top))
-        top += side + scale_pixels(GAP)
+        top += step
     return columns
 
 
