@@ -20,6 +20,8 @@ BUTTON = 2.1
 """Side of a button, in font sizes."""
 LEGEND = 50.0
 """Room at the bottom for what views other than colour show there."""
+LOW = 360.0
+"""Height up to which a picture has no such room to spare."""
 FEW = 7
 """Options that stand beside their tool; more stand at the top, out of the way of what is worked on."""
 
@@ -35,7 +37,8 @@ class Toolbar:
         side = round(imgui.get_font_size() * BUTTON)
         left, top = place.x + scale_pixels(MARGIN), place.y + scale_pixels(2 * MARGIN) + imgui.get_frame_height()
         commands = {name: ui.session.actions[f"tool.{name}"] for name in ui.tools}
-        height = place.y + place.height - top - scale_pixels(MARGIN + LEGEND)
+        reserve = LEGEND if place.height > scale_pixels(LOW) else 0.0
+        height = place.y + place.height - top - scale_pixels(MARGIN + reserve)
         columns = _arrange_columns(tuple(commands.values()), side, height)
         tops = {command.id: (number, at) for number, column in enumerate(columns) for command, at in column}
         step = side + scale_pixels(2 * PADDING + MARGIN / 2)
