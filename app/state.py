@@ -24,6 +24,12 @@ class ViewMode(Enum):
     INSTANCE = "Instances"
     CODEWORD = "Codewords"
     DEPTH = "Depth"
+    CENTERS = "Centres"
+    RINGS = "Rings"
+
+
+SPLAT_MODES = (ViewMode.CENTERS, ViewMode.RINGS)
+"""View modes that show single splats, before a plain backdrop."""
 
 
 class Reference(Enum):
@@ -129,6 +135,10 @@ class EditorState:
     """Instance under the cursor; 0 = none."""
     stack: Stack | None = None
     """What lies behind each other where the user has clicked again; None unless that is listed."""
+    picture_size: tuple[int, int] = (1280, 720)
+    """Width and height, in pixels, at which the view is shown."""
+    cut_out_screenshots: bool = False
+    """Whether screenshots are see-through where no splat is."""
     tool: str = "pick"
     """Name of the tool in the user's hand."""
     region_splats: bool = False
@@ -148,6 +158,8 @@ class EditorState:
     is_solo: bool = False
     """Whether instances are shown alone; the session keeps it up to date."""
     show_outlines: bool = True
+    show_grid: bool = False
+    """Whether a grid lies on the ground."""
     stay_above_ground: bool = True
     """Whether orbiting stops above the ground."""
     reference: Reference = Reference.NONE
@@ -184,7 +196,7 @@ def resolve(state: EditorState, width: int, height: int, draft: bool = False) ->
         view_mode=state.view_mode,
         hovered=state.hovered,
         id_opacity=state.id_opacity,
-        show_sky=state.draws_sky,
+        show_sky=state.draws_sky and state.view_mode not in SPLAT_MODES,
         show_outlines=state.show_outlines,
         draft=draft,
     )

@@ -93,6 +93,7 @@ class RandomEdits:
             "fill_hole": self._hole,
             "grow_selection": lambda: {"distance": pick((None, 0.2, 1.0)), "time": self._float(0, 0.5)},
             "hide_instances": lambda: {"ids": ids(), "hidden": pick((True, False))},
+            "hide_rows": lambda: {"rows": self._runs(scattered=0), "hidden": pick((True, False))},
             "insert_scene": lambda: {"path": self._inserted, "translation": self._shift()},
             "invert_selection": dict,
             "lock_instances": lambda: {"ids": ids(), "locked": pick((True, False, False))},

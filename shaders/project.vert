@@ -29,6 +29,9 @@ uniform float low_pass;
 uniform float alpha_cut;
 uniform bool antialiased;
 uniform uint hidden_flags;
+uniform bool dots;          // every splat a dot at its centre, alike in size and opacity
+uniform float least_dot;    // opacity that a splat needs to be one
+uniform float dot_opacity;
 
 out vec4 splat_center;  // pixel x, y; depth; opacity (0 = not drawn)
 out vec4 splat_axes;    // the one-sigma half axes of the ellipse, in pixels
@@ -93,9 +96,10 @@ void main() {
     vec4 mean = texelFetch(geometry_texture, texel_of(index * 3), 0);
     int entry = int(texelFetch(color_entry_texture, texel_of(index), 0).r) * 4;
     float opacity = mean.w * texelFetch(color_texture, texel_of(entry + 3), 0).r;
-    if (opacity < alpha_cut) {
+    if (opacity < alpha_cut || (dots && opacity < least_dot)) {
         return;
     }
+    opacity = dots ? dot_opacity : opacity;
 
     // First the move, within the node's frame, then the node's pose.
     int move = int(texelFetch(transform_entry_texture, texel_of(index), 0).r) * 4;
@@ -110,7 +114,7 @@ void main() {
 
     mat3 rotation = mat3(world_from_node) * mat3(node_from_row);
     mat3 turn = mat3(camera_from_world) * rotation * rotation_of(texelFetch(geometry_texture, texel_of(index * 3 + 1), 0));
-    vec3 scale = size * texelFetch(geometry_texture, texel_of(index * 3 + 2), 0).xyz;
+    vec3 scale = dots ? vec3(0.0) : size * texelFetch(geometry_texture, texel_of(index * 3 + 2), 0).xyz;
     mat3 half_map = mat3(turn[0] * scale.x, turn[1] * scale.y, turn[2] * scale.z);
     float sharp;
     vec4 covariance = image_covariance(local, half_map, sharp);

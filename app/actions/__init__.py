@@ -10,12 +10,14 @@ from collections.abc import Callable
 
 from instdrive_app.action import Action
 from instdrive_app.actions import (
+    aids,
     deletion_review,
     edit,
     file,
     help,
     labels,
     move,
+    pictures,
     reference,
     select,
     time_steps,
@@ -24,7 +26,7 @@ from instdrive_app.actions import (
 )
 from instdrive_app.session.editor_session import EditorSession
 
-TOPICS = (file, edit, select, labels, tools, move, view, deletion_review, reference, time_steps)
+TOPICS = (file, edit, select, labels, tools, aids, move, view, pictures, deletion_review, reference, time_steps)
 
 
 def register_actions(session: EditorSession, *more: Callable[[EditorSession], list[Action]]) -> None:

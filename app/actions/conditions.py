@@ -8,6 +8,9 @@ from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import Request
 
+QUIET = frozenset({"Escape", "Enter", "Shift+Enter", "Ctrl+Enter", "Backspace"})
+"""Keys that are pressed also where nothing is expected of them."""
+
 
 def is_editable(session: EditorSession) -> bool:
     """Whether a document is open and no modal job waits or runs."""
@@ -35,6 +38,33 @@ def explain_disabled(session: EditorSession, action: Action) -> str:
     if session.selection.is_empty:
         return "Select something first"
     return "There is nothing for it to do now"
+
+
+def run_or_explain(session: EditorSession, action: Action) -> None:
+    """Run an action, or tell the user why it cannot run or that it changed nothing.
+
+    The same is told once while it is on screen.
+    """
+    before = _list_traces(session)
+    if session.actions.run(action.id):
+        if not action.undoable or _list_traces(session) != before:
+            return
+        why = "nothing needs to change"
+    elif QUIET.intersection(action.shortcuts):
+        return
+    else:
+        why = explain_disabled(session, action)
+    reason = f"{action.title.rstrip('…')}: {why}"
+    if all(message.text != reason for message in session.messages.toasts):
+        session.messages.info(reason)
+
+
+def _list_traces(session: EditorSession) -> tuple[object, ...]:
+    """What an action leaves that edits, asks, says or begins something."""
+    history = session.document.history if session.document is not None else None
+    steps = (len(history.edits), history.cursor, id(history.edits[-1]) if history.edits else 0) if history else ()
+    log = session.messages.log
+    return steps, session.requests.waiting, session.jobs.current, id(log[-1]) if log else 0
 
 
 def put_request(session: EditorSession, request: Request) -> Callable[[], None]:

@@ -105,4 +105,5 @@ def _create_tool_action(session: EditorSession, record: ToolRecord) -> Action:
         checked=lambda: session.state.tool == record.name,
         icon=record.icon,
         separator=record.starts_group,
+        words=record.words,
     )

@@ -13,7 +13,14 @@ VIEW_MODE_ICONS = {
     ViewMode.INSTANCE: "ICON_FA_SHAPES",
     ViewMode.CODEWORD: "ICON_FA_BARCODE",
     ViewMode.DEPTH: "ICON_FA_LAYER_GROUP",
+    ViewMode.CENTERS: "ICON_FA_BRAILLE",
+    ViewMode.RINGS: "ICON_FA_CIRCLE_NOTCH",
 }
+VIEW_MODE_WORDS = {
+    ViewMode.CENTERS: ("centers", "points", "point cloud", "dots", "splats"),
+    ViewMode.RINGS: ("ellipsoids", "ellipses", "outlines of splats", "splats"),
+}
+"""Other words by which the command palette finds them."""
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -37,6 +44,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             (str(number),),
             checked=is_shown(mode),
             icon=VIEW_MODE_ICONS[mode],
+            words=VIEW_MODE_WORDS.get(mode, ()),
         )
         for number, mode in enumerate(ViewMode, start=1)
     ]
@@ -86,6 +94,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         _create_switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
         _create_switch(session, "view.plain_solo", "Plain backdrop when shown alone", "plain_solo", "ICON_FA_SQUARE"),
         _create_switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
+        _create_switch(session, "view.grid", "Grid on the ground", "show_grid", "ICON_FA_BORDER_ALL", key="Shift+G"),
         _create_switch(
             session, "view.above_ground", "Orbit above the ground only", "stay_above_ground", "ICON_FA_ROAD"
         ),
@@ -93,7 +102,7 @@ def list_actions(session: EditorSession) -> list[Action]:
 
 
 def _create_switch(
-    session: EditorSession, command_id: str, title: str, field: str, icon: str, separator: bool = False
+    session: EditorSession, command_id: str, title: str, field: str, icon: str, separator: bool = False, key: str = ""
 ) -> Action:
     def toggle() -> None:
         setattr(session.state, field, not getattr(session.state, field))
@@ -103,6 +112,7 @@ def _create_switch(
         title,
         toggle,
         "View",
+        (key,) if key else (),
         checked=lambda: getattr(session.state, field),
         icon=icon,
         separator=separator,

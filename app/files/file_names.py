@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import resources
+from itertools import count
 from pathlib import Path
 
 from instdrive_core.wording import format_count
@@ -42,14 +43,30 @@ def find_working_folder() -> Path:
 
 def find_documents_folder() -> Path:
     """Find the folder of the user's documents, as the desktop names it; the user's home where there is none."""
+    return _find_user_folder("DOCUMENTS", "Documents") or Path.home()
+
+
+def find_pictures_folder() -> Path:
+    """Find the folder of the user's pictures, as the desktop names it; that of documents where there is none."""
+    return _find_user_folder("PICTURES", "Pictures") or find_documents_folder()
+
+
+def find_free_path(folder: Path, stem: str, suffix: str, taken: Collection[Path] = ()) -> Path:
+    """Find the first path ``stem_001.suffix``, ``stem_002.suffix`` … that no file has and that is not `taken`."""
+    paths = (folder / f"{stem}_{number:03d}{suffix}" for number in count(1))
+    return next(path for path in paths if path not in taken and not os.path.lexists(path))
+
+
+def _find_user_folder(name: str, usual: str) -> Path | None:
+    """Find a folder by its name in the desktop's settings, else by its usual one; None where neither is there."""
     config = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "user-dirs.dirs"
     try:
-        named = re.search(r'^XDG_DOCUMENTS_DIR="([^"]+)"', config.read_text(encoding="utf-8"), re.MULTILINE)
+        named = re.search(rf'^XDG_{name}_DIR="([^"]+)"', config.read_text(encoding="utf-8"), re.MULTILINE)
     except (OSError, UnicodeDecodeError):
         named = None
     folders = [Path(named[1].replace("$HOME", str(Path.home())))] if named else []
-    found = next((folder for folder in (*folders, Path.home() / "Documents") if os.path.isdir(folder)), Path.home())
-    return found if is_displayable(found) else Path.home()
+    found = next((folder for folder in (*folders, Path.home() / usual) if os.path.isdir(folder)), None)
+    return found if found is not None and is_displayable(found) else None
 
 
 def find_folder_beside(path: Path | None) -> Path:

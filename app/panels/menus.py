@@ -5,6 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.action import Action, format_shortcut
+from instdrive_app.actions.conditions import run_or_explain
 from instdrive_app.panels.widgets.ui import Ui, begin_icon_submenu, draw_icon_menu_item
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
@@ -15,6 +16,10 @@ _NAMED = {
     "-": "minus",
     "[": "left_bracket",
     "]": "right_bracket",
+    ",": "comma",
+    ".": "period",
+    "PageDown": "page_down",
+    "PageUp": "page_up",
 }
 
 
@@ -37,7 +42,7 @@ def _draw_menu_item(ui: Ui, command: Action) -> None:
     if command.items is not None:
         _draw_submenu(ui, command)
     elif draw_icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
-        ui.session.actions.run(command.id)
+        run_or_explain(ui.session, command)
     ui.mark(f"menu {command.id}")
 
 
@@ -68,7 +73,7 @@ def run_shortcuts(ui: Ui) -> None:
     for command in ui.session.actions:
         shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
         if any(imgui.is_key_chord_pressed(parse_shortcut(shortcut)) for shortcut in shortcuts):
-            ui.session.actions.run(command.id)
+            run_or_explain(ui.session, command)
 
 
 def _close_by_escape() -> None:

@@ -13,6 +13,7 @@ from instdrive_app.panels.instances.panel import InstancesPanel
 from instdrive_app.panels.log import LogPanel
 from instdrive_app.panels.timeline import TimelinePanel
 from instdrive_app.panels.viewport import ViewportPanel
+from instdrive_app.panels.views import ViewsPanel
 from instdrive_app.panels.widgets.ui import Ui
 
 
@@ -49,5 +50,6 @@ PANELS = (
     PanelRecord("Timeline", "ICON_FA_FILM", "Bottom", TimelinePanel),
     PanelRecord("Log", "ICON_FA_RECEIPT", "Bottom", LogPanel),
     PanelRecord("Filter", "ICON_FA_FILTER", "RightBottom", FilterPanel, shown=False),
+    PanelRecord("Views", "ICON_FA_BOOKMARK", "RightBottom", ViewsPanel, shown=False),
 )
 """The panels, in the order of their tabs."""

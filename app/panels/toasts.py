@@ -31,6 +31,8 @@ def draw_toasts(ui: Ui) -> None:
     room = right - tools - 2 * margin
     width = min(scale_pixels(WIDTH), room if room >= scale_pixels(NARROWEST) else right - left - 2 * margin)
     taken = [ui.marks[name] for name in PLACES_TAKEN if name in ui.marks]
+    tag = ui.marks.get("viewport.camera_tag")
+    taken += [tag] if tag is not None and tag[1] > (top + bottom) / 2 else []
     bottom = min([bottom, *(place[1] for place in taken if place[2] > right - width - margin)]) - margin
     for number, message in enumerate(reversed(ui.session.messages.toasts)):
         if bottom < top + scale_pixels(60):  # what has no room is in the log

@@ -10,6 +10,7 @@ from instdrive_app.panels.empty_view import EmptyView
 from instdrive_app.panels.instances.menu import draw_instance_menu
 from instdrive_app.panels.overlays.reference import draw_reference_beside, split_viewport
 from instdrive_app.panels.overlays.registry import ABOVE_HANDLES, BELOW_HANDLES, HANDLES
+from instdrive_app.panels.views import keep_thumbnails
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import FrameSnapshot, Viewpoint
@@ -63,7 +64,9 @@ class ViewportPanel:
             at = ImVec2(place.x, place.y)
             imgui.set_cursor_screen_pos(at)
         ui.marks["picture"] = (place.x, place.y, place.x + place.width, place.y + place.height)
+        ui.session.state.picture_size = (place.width, place.height)
         picture = ui.view.show(ui.session.document, ui.session.state, place.width, place.height)
+        keep_thumbnails(ui)
         imgui.image(imgui.ImTextureRef(picture.glo), ImVec2(place.width, place.height))
         imgui.set_cursor_screen_pos(at)
         layers = imgui.get_window_draw_list()

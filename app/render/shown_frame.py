@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int32
 from numpy import ndarray
 
-from instdrive_app.state import FrameSnapshot
+from instdrive_app.state import FrameSnapshot, ViewMode
 from instdrive_core.edits.document.document import Document
 from instdrive_core.scene.selection import Flag
 
@@ -48,6 +48,8 @@ def find_shown_instance(document: Document, snapshot: FrameSnapshot, x: float, y
     """
     if not isinstance(snapshot, ShownFrame) or snapshot.document is not document:
         return None
+    if snapshot.view_mode is ViewMode.CENTERS:
+        return None  # hardly anybody hits a dot: what is meant is what the splats show together
     row = snapshot.read_row_at(x, y)
     if row is None or row < 0:
         return None if row is None else 0

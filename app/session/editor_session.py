@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from instdrive_app.action import ActionRegistry
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
+from instdrive_app.session.aids.aids import Aids
+from instdrive_app.session.aids.screenshots import Screenshots
 from instdrive_app.session.bounds_updater import BoundsUpdater
 from instdrive_app.session.color_controller import ColorController
 from instdrive_app.session.context import SessionContext
@@ -31,6 +34,7 @@ from instdrive_app.state import EditorState
 from instdrive_core.edits.document.document import Document
 from instdrive_core.formats.registry import find_stated_up
 from instdrive_core.scene.lint import HARMFUL
+from instdrive_core.scene.transforms import Similarity
 from instdrive_core.wording import format_count
 
 
@@ -51,7 +55,9 @@ class EditorSession:
         self.history = HistoryController(self.jobs, self.messages)
         context = SessionContext(self.state, self.history, self.jobs, self.messages, self.requests, self.wake)
 
-        self.files = DocumentFiles(context, self._enter, lambda: {"pending": self.deletion.review.store()})
+        self.aids = Aids(context)
+        self.files = DocumentFiles(context, self._enter, self._store_more, lambda: self.aids.bookmarks.version)
+        self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)
         self.navigation = Navigation(context)
         self.references = ReferencePictures(self.messages.error, self.wake)
@@ -63,7 +69,7 @@ class EditorSession:
         self.labels = LabelController(context)
         self.movement = MoveController(context)
         self.deletion = DeletionController(context)
-        self.orientation = TurnController(context, self.navigation, turned=self.deletion.review.clear_all)
+        self.orientation = TurnController(context, self.navigation, self._follow_turn)
         self.insertion = InsertController(context, self.movement, self.orientation.ask_about_inserted)
         self._deferred_bounds = BoundsUpdater(context)
         self.is_quitting = False
@@ -78,6 +84,7 @@ class EditorSession:
         scene = document.scene
         document.can_defer_bounds = True
         self.history.enter(document)
+        self.aids.forget()
         self.files.enter(document, path, saved)
         self.state.hovered = 0
         self.references.forget()
@@ -96,6 +103,7 @@ class EditorSession:
         if opened.view is not None:
             restore_view(opened.view, self.state, self.navigation, len(opened.document.scene.views))
             self.navigation.keep_start()
+            self.aids.bookmarks.restore(opened.view.get("bookmarks"))
         for note in opened.notes:
             self.messages.info(note)
         if opened.document.history.done:
@@ -104,6 +112,15 @@ class EditorSession:
         is_harmed = any(defect.kind in HARMFUL for defect in opened.defects)
         if is_harmed and not opened.document.history.edits:
             self.requests.put(OfferCleanup())
+
+    def _store_more(self) -> dict[str, Any]:
+        """What a project keeps beside edits and view."""
+        return {"pending": self.deletion.review.store(), "bookmarks": self.aids.bookmarks.store()}
+
+    def _follow_turn(self, change: Similarity) -> None:
+        """Take along what knows places, after the whole scene was transformed by [s R | t]."""
+        self.deletion.review.clear_all()
+        self.aids.follow_scene(change)
 
     def wake(self) -> None:
         """Make the window draw a frame; can be called from any thread."""

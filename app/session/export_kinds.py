@@ -21,8 +21,7 @@ from instdrive_core.masks.export.id_maps import MAX_SIDE, choose_views, render_i
 from instdrive_core.masks.export.id_pictures import save_png, write_id_pictures
 from instdrive_core.progress import report, report_span
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances, export_scene
-from instdrive_core.rasterize.pictures import Mode, colorize_preview
-from instdrive_core.rasterize.scene_view import view_scene
+from instdrive_core.rasterize.pictures import Look, draw_picture
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
@@ -32,12 +31,15 @@ What = Literal["scene", "selection", "instances", "actors", "objects", "masks", 
 WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
 """Endings of scene files."""
 _BAKING = 0.2
-_MODES: dict[ViewMode, Mode] = {
+RENDERED_MODES: dict[ViewMode, Look] = {
     ViewMode.COLOR: "color",
     ViewMode.INSTANCE: "instance",
     ViewMode.CODEWORD: "codeword",
     ViewMode.DEPTH: "depth",
+    ViewMode.CENTERS: "centers",
+    ViewMode.RINGS: "rings",
 }
+"""What the core draws for each view mode."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +207,7 @@ def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request
     camera = camera.scale(request.choice.scale)
     if max(camera.width, camera.height) > MAX_SIDE:
         raise OptionError(f"a picture of {camera.width} × {camera.height} pixels is too large; choose a smaller size")
-    save_png(path, colorize_preview(scene, view_scene(scene, camera, time), _MODES[request.view_mode]))
+    save_png(path, draw_picture(scene, camera, time, RENDERED_MODES[request.view_mode]))
 
 
 def _describe_parts(written: ExportedParts, noun: str, folder: Path) -> str:

@@ -99,9 +99,20 @@ class Navigation:
 
         return camera.orbit_above(viewpoint, yaw, pitch, find_floor)
 
+    def find_ground_height(self, place: Float[ndarray, "3"]) -> float | None:
+        """Find the height (metres, z up) of the ground below a place; None where no ground is near."""
+        if self._context.document is None:
+            return None
+        return estimate_ground_height(self._find_ground_points(), place, GROUND_RADII)
+
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Leave the dataset camera and look from a viewpoint."""
         self._state.viewpoint, self._state.dataset_view = viewpoint, None
+
+    def look_from_kept(self, viewpoint: Viewpoint, time: float) -> None:
+        """Look from a viewpoint at a time in seconds, without a dataset camera."""
+        self.look_from(viewpoint)
+        self._state.time = time
 
     def look_through(self, index: int) -> None:
         """Look through a dataset camera, at its time."""

@@ -19,7 +19,8 @@ from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.queries.scene_up import estimate_document_up
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import quaternion_from_matrix
-from instdrive_core.scene.transforms import compose_transforms, invert_transform
+from instdrive_core.project.sources import has_cameras_beside
+from instdrive_core.scene.transforms import Similarity, compose_transforms, invert_transform
 from instdrive_core.scene.up_estimate import UpEstimate
 from instdrive_core.scene.upright import (
     UP,
@@ -47,8 +48,8 @@ class TurnOffer:
 class TurnController:
     """Turns the open scene as a whole."""
 
-    def __init__(self, context: SessionContext, navigation: Navigation, turned: Callable[[], None]) -> None:
-        """`turned` is called whenever the scene was turned, by undo as well."""
+    def __init__(self, context: SessionContext, navigation: Navigation, turned: Callable[[Similarity], None]) -> None:
+        """`turned` gets the change [s R | t] whenever the scene was turned, by undo as well."""
         self._context, self._state = context, context.state
         self._jobs, self._messages = context.jobs, context.messages
         self._navigation, self._turned = navigation, turned
@@ -69,7 +70,7 @@ class TurnController:
         self._next_offers.clear()
         if (
             not len(document.scene.table)
-            and not document.scene.views
+            and (not document.scene.views or has_cameras_beside(document))
             and not document.history.edits
             and document.scene.start is None
         ):
@@ -167,8 +168,9 @@ class TurnController:
         if document is None or document is not seen or document.orientation is before:
             return
         self._seen = (document, document.orientation)
-        self._navigation.follow_scene(compose_transforms(document.orientation, invert_transform(before)))
-        self._turned()
+        change = compose_transforms(document.orientation, invert_transform(before))
+        self._navigation.follow_scene(change)
+        self._turned(change)
 
     def _tell(self, found: UpEstimate) -> None:
         if not _is_doubtful(found):

@@ -14,7 +14,7 @@ from instdrive_app.render.picking import Picker
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
-from instdrive_app.tools.region import WinnerReader
+from instdrive_app.tools.surface import WinnerReader
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.select_rows import SelectRows

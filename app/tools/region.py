@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, UInt32
+from jaxtyping import Bool
 from numpy import ndarray
 
 from instdrive_app.pointer import Click, Operation, Point
@@ -15,12 +14,10 @@ from instdrive_app.render.picking import Picker
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
+from instdrive_app.tools.surface import WinnerReader
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.region import find_instances_in_region, find_rows_in_region
 from instdrive_core.scene.screen_region import rasterize_polygon
-
-WinnerReader = Callable[[FrameSnapshot], UInt32[ndarray, "h w"]]
-"""Returns row + 1 of the splat that each pixel of a frame stands for, 0 for none."""
 
 
 class RegionTool(ABC):

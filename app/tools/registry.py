@@ -9,14 +9,16 @@ from instdrive_app.pointer import Operation, Tool
 from instdrive_app.render.picking import Picker
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.tools.alike import AlikeTool
+from instdrive_app.tools.box import BoxTool
 from instdrive_app.tools.brush import BrushTool
 from instdrive_app.tools.gizmo import GizmoTool
 from instdrive_app.tools.lasso import LassoTool
+from instdrive_app.tools.measure import MeasureTool
 from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.polygon import PolygonTool
 from instdrive_app.tools.rectangle import RectangleTool
-from instdrive_app.tools.region import WinnerReader
 from instdrive_app.tools.sphere import SphereTool
+from instdrive_app.tools.surface import WinnerReader
 from instdrive_core.edits.queries.spreading import find_alike_rows, find_flooded_rows
 
 
@@ -43,6 +45,8 @@ class ToolRecord:
     create: Callable[[ToolParts], Tool]
     starts_group: bool = False
     """Whether toolbar and menu separate it from the tools before."""
+    words: tuple[str, ...] = ()
+    """Other words by which the command palette finds it."""
 
 
 def _make_handles_tool(operation: Operation) -> Callable[[ToolParts], Tool]:
@@ -89,6 +93,14 @@ TOOLS = (
         lambda parts: SphereTool(parts.session, parts.winners, parts.picker),
     ),
     ToolRecord(
+        "box",
+        "Select or crop by a box",
+        "ICON_FA_CUBE",
+        "Z",
+        lambda parts: BoxTool(parts.session, parts.winners, parts.picker),
+        words=("crop", "cube", "volume", "cut out", "bounding box"),
+    ),
+    ToolRecord(
         "flood",
         "Select what hangs together",
         "ICON_FA_FILL_DRIP",
@@ -105,6 +117,14 @@ TOOLS = (
     ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", _make_handles_tool("move"), starts_group=True),
     ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", _make_handles_tool("rotate")),
     ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", _make_handles_tool("scale")),
+    ToolRecord(
+        "measure",
+        "Measure",
+        "ICON_FA_RULER",
+        "M",
+        lambda parts: MeasureTool(parts.session, parts.winners, parts.picker),
+        words=("ruler", "distance", "length", "height", "metres", "tape"),
+    ),
 )
 """In the toolbar's order."""
 

@@ -12,7 +12,7 @@ from instdrive_app.pointer import Click, Point
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.region import RegionTool
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.queries.region import MIN_SHARE
+from instdrive_core.edits.queries.region import find_ids_with_share
 from instdrive_core.edits.queries.shown_means import compute_shown_means
 
 CORNERS = 48
@@ -50,10 +50,7 @@ class SphereTool(RegionTool):
                     session.history.apply(SelectRows(np.flatnonzero(inside), click.mode))
                 else:
                     ids = document.scene.instance_ids
-                    numbers, counts = np.unique(ids[inside], return_counts=True)
-                    totals = [int(((ids == number) & drawn).sum()) for number in numbers]
-                    most = counts > MIN_SHARE * np.array(totals)
-                    session.selection.select(tuple(numbers[most & (numbers > 0)].tolist()), click.mode)
+                    session.selection.select(find_ids_with_share(ids[inside], ids[drawn]), click.mode)
         self.cancel()
 
     def cancel(self) -> None:

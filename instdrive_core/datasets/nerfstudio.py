@@ -52,12 +52,22 @@ def load_nerfstudio(path: str | Path, options: ClipOptions) -> Clip:
     """
     root, listing = Path(path), Path(path) / LISTING
     content = read_json(listing)
+    photos = _read_photos(root, content)
+    return build_photo_clip(root, listing, photos, _read_points(root, content), options, _describe_ignored(content))
+
+
+def list_nerfstudio_photos(root: Path) -> list[PosedPhoto]:
+    """List the photos of a folder with a ``transforms.json``, in the file's own world. Raises as `load_nerfstudio`."""
+    return _read_photos(root, read_json(root / LISTING))
+
+
+def _read_photos(root: Path, content: Any) -> list[PosedPhoto]:
+    listing = root / LISTING
     frames = require_field(listing, content, "frames")
     if not isinstance(frames, list):
         problem = f"the field 'frames' is a {type(frames).__name__}, expected a list"
         raise DataError(listing, problem, _REMEDY)
-    photos = [_read_photo(root, content, frame, f"frames[{row}].") for row, frame in enumerate(frames)]
-    return build_photo_clip(root, listing, photos, _read_points(root, content), options, _describe_ignored(content))
+    return [_read_photo(root, content, frame, f"frames[{row}].") for row, frame in enumerate(frames)]
 
 
 def _describe_ignored(content: dict[str, Any]) -> tuple[str, ...]:

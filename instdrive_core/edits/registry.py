@@ -14,6 +14,7 @@ from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows, Delet
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.fill_hole import FillHole
 from instdrive_core.edits.kinds.grow import GrowSelection, ShrinkSelection
+from instdrive_core.edits.kinds.hide_rows import HideRows
 from instdrive_core.edits.kinds.insert import InsertScene
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
@@ -78,6 +79,7 @@ EDIT_KINDS: dict[str, EditKind] = {
         EditKind(FillHole, "ICON_FA_FILL_DRIP"),
         EditKind(GrowSelection, "ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER"),
         EditKind(HideInstances, "ICON_FA_EYE_SLASH"),
+        EditKind(HideRows, "ICON_FA_CROP_SIMPLE"),
         EditKind(InsertScene, "ICON_FA_FILE_IMPORT"),
         EditKind(InvertSelection, "ICON_FA_CIRCLE_HALF_STROKE"),
         EditKind(LockInstances, "ICON_FA_LOCK"),

@@ -17,6 +17,7 @@ from instdrive_core.errors import DataError, OptionError, format_ordinal
 from instdrive_core.files.archive import ARCHIVE_REMEDY, Archive, open_project_archive
 from instdrive_core.files.bounded_json import parse_bounded_json
 from instdrive_core.formats.registry import open_scene
+from instdrive_core.project.cameras_beside import attach_cameras_beside
 from instdrive_core.project.document_check import compute_check
 from instdrive_core.project.manifest import Manifest, OtherVersionError, manifest_from_json
 from instdrive_core.project.packed_lists import Numbers, unpack_lists
@@ -60,8 +61,10 @@ def open_document(
         project = open_project(path, accept_changed)
         return project.document, project.view
     scene, source = open_scene_source(path, keep_every)
+    beside = attach_cameras_beside(scene, path)
     document = Document(scene)
-    document.open_scene = SceneSources(source)
+    sources = document.open_scene = SceneSources(source)
+    sources.cameras_note = beside.note if beside is not None else ""
     return document, None
 
 

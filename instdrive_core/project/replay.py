@@ -10,6 +10,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import DataError, EditError, SceneChangedError
+from instdrive_core.project.cameras_beside import attach_cameras_beside
 from instdrive_core.project.sources import RecordedScenes, RecordedSource, SceneSources, open_recorded_source
 
 
@@ -38,6 +39,7 @@ def replay_history(kept: KeptHistory, accept_changed: bool) -> tuple[Document, t
     Raises DataError where the scene is not found or an edit does not fit, SceneChangedError for a scene that changed.
     """
     scene, source = open_recorded_source(kept.base, kept.path, accept_changed)
+    attach_cameras_beside(scene, source.path)
     document = Document(scene)
     document.open_scene = scenes = RecordedScenes(kept.inserted, kept.path, accept_changed)
     left_out: list[str] = []

@@ -59,6 +59,8 @@ class SceneSources:
     def __init__(self, base: SceneSource, inserted: Mapping[str, SceneSource] | None = None) -> None:
         self.base = base
         self.inserted = dict(inserted or {})
+        self.cameras_note = ""
+        """What the user should know about cameras found beside the base; empty where there are none."""
 
     def __call__(self, path: Path) -> Scene:
         """Open a file that an edit inserts; where it is not, but was found elsewhere before, that one."""
@@ -66,6 +68,12 @@ class SceneSources:
         scene, source = _open_whole(known.path if known and not path.exists() else path)
         self.inserted[str(path)] = source
         return scene
+
+
+def has_cameras_beside(document: Document) -> bool:
+    """Whether a document has its cameras from a file of another program beside its scene."""
+    sources = document.open_scene
+    return isinstance(sources, SceneSources) and bool(sources.cameras_note) and bool(document.scene.views)
 
 
 def is_source(path: Path, document: Document) -> bool:

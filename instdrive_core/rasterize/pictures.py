@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -9,11 +10,28 @@ from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray
 
 from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids
-from instdrive_core.rasterize.preview import Preview
-from instdrive_core.rasterize.scene_view import build_instance_map
-from instdrive_core.scene.scene import Scene
+from instdrive_core.maths.activations import logit
+from instdrive_core.maths.workspace import Workspace
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.rasterize.kernels.settings import choose_raster_settings
+from instdrive_core.rasterize.kernels.view_colors import compute_colors
+from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, Preview
+from instdrive_core.rasterize.preview.splats import project_splats
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
+from instdrive_core.rasterize.splat_looks import (
+    DOT_LOG_SCALE,
+    DOT_OPACITY,
+    DOT_SETTINGS,
+    RING_RULE,
+    make_dots,
+    paint_rings,
+)
+from instdrive_core.scene.camera import Camera
+from instdrive_core.scene.scene import Scene, place_in_world
 
 Mode = Literal["color", "instance", "codeword", "depth"]
+Look = Mode | Literal["centers", "rings"]
+"""What a picture shows: a mode of a preview, or the splats themselves."""
 _RAMP = np.array(
     [[48, 18, 59], [66, 120, 240], [27, 208, 213], [114, 250, 92], [237, 208, 58], [251, 114, 27], [122, 4, 3]]
 )
@@ -34,6 +52,57 @@ def colorize_preview(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray,
             return colors_from_ids(codewords & np.uint32(ID_LIMIT - 1))
         case "depth":
             return colorize_depth(shown.depth, shown.alpha >= 0.5)
+
+
+def cut_out_preview(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray, "h w 4"]:
+    """Draw the pixels of one mode as RGBA: see-through where no splat is. Draw `shown` without a sky.
+
+    Colours are not premultiplied. Pixels of other modes than colour are there or not.
+    """
+    if mode == "color":
+        alpha = np.clip(shown.alpha, 0, 1)[..., None]
+        color = np.clip(shown.color / np.maximum(alpha, 1e-6), 0, 1)
+        return np.round(np.concatenate([color, alpha], axis=-1) * 255).astype(np.uint8)
+    picture = colorize_preview(scene, shown, mode)
+    there = picture.any(axis=-1, keepdims=True)
+    return np.concatenate([picture, np.where(there, 255, 0).astype(np.uint8)], axis=-1)
+
+
+def draw_picture(
+    scene: Scene, camera: Camera, time: float, look: Look, transparent: bool = False
+) -> UInt8[ndarray, "h w channels"]:
+    """Draw the scene as it is at `time` (seconds): RGB, or RGBA without the sky where it is `transparent`."""
+    if transparent or look in ("centers", "rings"):
+        scene = replace(scene, sky=None)
+    if look == "rings":
+        picture, there = _draw_rings(scene, camera, time)
+        return np.concatenate([picture, there], axis=-1) if transparent else picture
+    if look == "centers":
+        gaussians = scene.gaussians
+        solid = make_dots(gaussians.opacities, DEFAULT_PICK_RULE.min_opacity) > 0
+        points = np.full_like(gaussians.log_scales, DOT_LOG_SCALE)
+        logits = np.where(solid, logit(np.array([DOT_OPACITY])), -30.0).astype(np.float32)
+        scene = replace(scene, gaussians=replace(gaussians, log_scales=points, opacity_logits=logits))
+    shown = view_scene(scene, camera, time, settings=DOT_SETTINGS if look == "centers" else None)
+    mode: Mode = "color" if look == "centers" else look
+    return (cut_out_preview if transparent else colorize_preview)(scene, shown, mode)
+
+
+def _draw_rings(scene: Scene, camera: Camera, time: float) -> tuple[UInt8[ndarray, "h w 3"], UInt8[ndarray, "h w 1"]]:
+    """Draw splats as ellipses with rims; also, from 0 to 255, where there are any."""
+    gaussians, settings = scene.gaussians, choose_raster_settings(scene)
+    shown = view_scene(scene, camera, time, rule=RING_RULE)
+    poses, present = scene.find_node_poses(time)
+    means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
+    opacities = np.where(present[scene.nodes], gaussians.opacities, np.float32(0))
+    means, quats, opacities = (to_kernel_array(array) for array in (means, quats, opacities))
+    found = project_splats(
+        means, quats, to_kernel_array(gaussians.log_scales), opacities, camera, settings, Workspace()
+    )
+    found.colors[:] = compute_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
+    picture = paint_rings(found, shown.winner, RING_RULE.min_alpha)
+    there = np.where(shown.winner >= 0, 255, 0).astype(np.uint8)[..., None]
+    return np.round(np.clip(picture, 0, 1) * 255).astype(np.uint8), there
 
 
 def colorize_depth(depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:

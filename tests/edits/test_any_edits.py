@@ -51,6 +51,7 @@ simple_edits = (
     entries("delete_rows", rows=st.sampled_from([[], [[3, 9]], [[0, 1], [1600, 400]]])),
     entries("delete_selected"),
     entries("hide_instances", ids=ids, hidden=st.booleans()),
+    entries("hide_rows", rows=st.sampled_from([[], [[3, 9]], [[0, 1], [1600, 400]]]), hidden=st.booleans()),
     entries("solo_instances", ids=ids),
     entries("lock_instances", ids=ids, locked=st.booleans()),
     entries("show_all"),

@@ -62,6 +62,7 @@ EXAMPLES = {
     },
     "grow_selection": {"distance": 0.5},
     "hide_instances": {"ids": [CAR, BUS]},
+    "hide_rows": {"rows": [[3, 2], [9, 4]]},
     "insert_scene": {"path": "other.ply", "translation": [1.0, 0.0, 0.0]},
     "invert_selection": {},
     "lock_instances": {"ids": [TAXI]},

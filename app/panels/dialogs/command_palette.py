@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
-from instdrive_app.actions.conditions import explain_disabled
+from instdrive_app.actions.conditions import explain_disabled, run_or_explain
 from instdrive_app.matching import find_best_matches
 from instdrive_app.panels.menus import format_action_title
 from instdrive_app.panels.widgets.theme import DIM, ERROR, TEXT, pack_color, rgba
@@ -56,7 +56,7 @@ class CommandPalette:
             clicked = found[self._chosen]
         if clicked is not None and clicked.enabled():
             imgui.close_current_popup()
-            ui.session.actions.run(clicked.id)
+            run_or_explain(ui.session, clicked)
         elif clicked is not None:
             self._reason = f"{clicked.title.rstrip('…')}: {explain_disabled(ui.session, clicked)}"
             self._types_on = True

@@ -23,7 +23,7 @@ WALKING: dict[imgui.Key, Step] = {
     imgui.Key.end: "last",
 }
 """Keys that walk through the focused list; in the search field only the first two do."""
-OWN_SHORTCUTS = frozenset({"Home", "Shift+Home"})
+OWN_SHORTCUTS = frozenset({"Home", "Shift+Home", "Enter"})
 """Shortcuts of actions that mean something else while the list is focused."""
 UNKNOWN = "unknown"
 """Name shown for instances without a class."""

@@ -6,7 +6,10 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.widgets.theme import BACKGROUND, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_bounded_slider, scale_pixels
-from instdrive_app.state import ViewMode
+from instdrive_app.state import SPLAT_MODES, ViewMode
+
+SHOWN_IN = (ViewMode.INSTANCE, ViewMode.CODEWORD, *SPLAT_MODES)
+"""View modes that leave faint splats out."""
 
 
 class OpacitySlider:
@@ -14,7 +17,7 @@ class OpacitySlider:
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
-        if ui.session.document is None or ui.session.state.view_mode not in (ViewMode.INSTANCE, ViewMode.CODEWORD):
+        if ui.session.document is None or ui.session.state.view_mode not in SHOWN_IN:
             return
         margin = scale_pixels(10)
         bottom = place.y + place.height - imgui.get_frame_height() - margin

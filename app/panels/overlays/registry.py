@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from instdrive_app.panels.overlays import Handles, Overlay, OverlayRecord
+from instdrive_app.panels.overlays.box import BoxOverlay
 from instdrive_app.panels.overlays.brush_ring import BrushRing
 from instdrive_app.panels.overlays.camera_tag import CameraTag
 from instdrive_app.panels.overlays.deletion import DeletionOverlay
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
 from instdrive_app.panels.overlays.first_picture import FirstPictureNotice
 from instdrive_app.panels.overlays.gizmo import Gizmo
+from instdrive_app.panels.overlays.ground_grid import GridOverlay
 from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
 from instdrive_app.panels.overlays.reference import ReferenceOverlay
 from instdrive_app.panels.overlays.region_outline import RegionOutline
+from instdrive_app.panels.overlays.ruler import RulerOverlay
 from instdrive_app.panels.overlays.stack_list import StackList
 from instdrive_app.panels.overlays.toolbar import Toolbar
 from instdrive_app.panels.overlays.upright_bar import UprightBar
@@ -21,6 +24,9 @@ from instdrive_app.panels.overlays.view_switch import ViewSwitch
 BELOW_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
     OverlayRecord("Photo and masks", "ICON_FA_IMAGE", ReferenceOverlay),
     OverlayRecord("Notice of the first picture", "ICON_FA_HOURGLASS_HALF", FirstPictureNotice),
+    OverlayRecord("Grid on the ground", "ICON_FA_BORDER_ALL", GridOverlay),
+    OverlayRecord("Box", "ICON_FA_CUBE", BoxOverlay),
+    OverlayRecord("Measured line", "ICON_FA_RULER_COMBINED", RulerOverlay),
     OverlayRecord("Review of a deletion", "ICON_FA_BROOM", DeletionOverlay),
 )
 """Drawn first, in this order."""

@@ -8,8 +8,8 @@ from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels, scale_size
 from instdrive_app.state import ViewMode
 
-WORDS_FROM = 40
-"""Width of the picture, in font sizes, from which buttons have words."""
+WORDS_FROM = 54
+"""Width of the picture, in font sizes, from which all buttons have words, and not only that of the present mode."""
 
 
 class ViewSwitch:
@@ -20,14 +20,18 @@ class ViewSwitch:
         narrow = place.width < WORDS_FROM * imgui.get_font_size()
         imgui.set_cursor_screen_pos(ImVec2(place.x + scale_pixels(10), place.y + scale_pixels(10)))
         imgui.push_style_var(imgui.StyleVar_.item_spacing, scale_size(2, 0))
-        for mode in ViewMode:
+        button = imgui.calc_text_size(get_icon("ICON_FA_PALETTE")).x + 2 * imgui.get_style().frame_padding.x
+        room = int((place.width - scale_pixels(12)) / (button * 1.12 + scale_pixels(2)))
+        is_cramped = room < len(ViewMode) + 3
+        for number, mode in enumerate(ViewMode):
+            if number >= room:
+                break  # the menu and the keys have them all
             command = ui.session.actions[f"view.{mode.name.lower()}"]
             on = ui.session.state.view_mode is mode
             imgui.push_style_color(imgui.Col_.button, rgba(ACCENT if on else BACKGROUND, 0.95 if on else 0.78))
             imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
-            if imgui.button(
-                f"{get_icon(command.icon)}##{command.id}" if narrow else f"{get_icon(command.icon)}  {mode.value}"
-            ):
+            word = f"##{command.id}" if is_cramped or (narrow and not on) else f"  {mode.value}"
+            if imgui.button(f"{get_icon(command.icon)}{word}"):
                 command.run()
             imgui.pop_style_color(2)
             ui.mark(command.id)

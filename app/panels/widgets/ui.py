@@ -10,6 +10,7 @@ import numpy as np
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
 from instdrive_app.action import Action, format_shortcut
+from instdrive_app.actions.conditions import run_or_explain
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, FONT_SIZE, TEXT, Fonts, pack_color, rgba
 from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
@@ -121,7 +122,7 @@ def draw_action_button(ui: Ui, command: Action, size: ImVec2 | None = None) -> N
     imgui.begin_disabled(not command.enabled())
     imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if on else TEXT))
     if imgui.button(f"{get_icon(command.icon)}##{command.id}", size or ImVec2(0, 0)):
-        ui.session.actions.run(command.id)
+        run_or_explain(ui.session, command)
     imgui.pop_style_color()
     imgui.end_disabled()
     ui.mark(command.id)

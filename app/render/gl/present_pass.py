@@ -20,7 +20,14 @@ DEPTH_RAMP = (
     (0.06, 0.08, 0.20),
 )
 """RGB of the depth view, near to far."""
-_VIEWS = {ViewMode.COLOR: 0, ViewMode.DEPTH: 1, ViewMode.INSTANCE: 2, ViewMode.CODEWORD: 2}
+_VIEWS = {
+    ViewMode.COLOR: 0,
+    ViewMode.DEPTH: 1,
+    ViewMode.INSTANCE: 2,
+    ViewMode.CODEWORD: 2,
+    ViewMode.CENTERS: 0,
+    ViewMode.RINGS: 0,
+}
 
 
 class PresentPass:

@@ -11,6 +11,7 @@ from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
 from instdrive_core.rasterize.kernels.project import camera_to_row
 from instdrive_core.rasterize.kernels.settings import RasterSettings
+from instdrive_core.rasterize.splat_looks import DOT_OPACITY, DOT_SETTINGS
 from instdrive_core.scene.camera import Camera
 
 RECORD_FLOATS = 11
@@ -69,10 +70,14 @@ class Projector:
             self._uploaded = order
             self.serial += 1
 
-    def project(self, scene: GpuScene, camera: Camera) -> None:
-        """Bring `records` up to date; call it after `sort`."""
+    def project(self, scene: GpuScene, camera: Camera, least_dot: float | None = None) -> None:
+        """Bring `records` up to date; call it after `sort`.
+
+        With `least_dot`, splats at least that opaque become dots, and others are left out.
+        """
         if not self.count:
             return
+        settings = self._settings if least_dot is None else DOT_SETTINGS
         view, program = camera_to_row(camera), self._program
         scene.bind(program)
         set_uniforms(
@@ -83,10 +88,13 @@ class Projector:
             principal=(camera.cx, camera.cy),
             viewport=(camera.width, camera.height),
             slope_limits=tuple(float(limit) for limit in view[18:22]),
-            near=self._settings.near,
-            low_pass=self._settings.low_pass,
-            alpha_cut=self._settings.min_alpha,
-            antialiased=scene.antialiased,
+            near=settings.near,
+            low_pass=settings.low_pass,
+            alpha_cut=settings.min_alpha,
+            antialiased=scene.antialiased and least_dot is None,
+            dots=least_dot is not None,
+            least_dot=least_dot or 0.0,
+            dot_opacity=DOT_OPACITY,
         )
         with draw_into(self._ctx, self._no_picture):
             self._vertices.transform(self.records, moderngl.POINTS, vertices=self.count)

@@ -17,9 +17,10 @@ from instdrive_app.render.gl.id_pass import IdPass
 from instdrive_app.render.gl.outline_pass import OutlinePass
 from instdrive_app.render.gl.present_pass import PresentPass
 from instdrive_app.render.gl.projector import Projector
+from instdrive_app.render.gl.rings_pass import RingsPass
 from instdrive_app.render.gl.sky_pass import SkyPass
 from instdrive_app.render.gl.targets import Targets
-from instdrive_app.state import FrameSnapshot, ViewMode
+from instdrive_app.state import SPLAT_MODES, FrameSnapshot, ViewMode
 from instdrive_core.edits.document.document import Document
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
@@ -37,6 +38,7 @@ class GlRenderer:
         self.scene = GpuScene(ctx, document)
         self._projector = Projector(ctx, len(document.scene))
         self._sky, self._color, self._ids = SkyPass(ctx), ColorPass(ctx, self._projector), IdPass(ctx, self._projector)
+        self._rings = RingsPass(ctx, self._projector)
         self._present, self._outline = PresentPass(ctx), OutlinePass(ctx)
         self._targets: Targets | None = None
         self._retired: list[Targets] = []
@@ -142,7 +144,8 @@ class GlRenderer:
 
     def release(self) -> None:
         """Free everything on the GPU."""
-        for thing in (self._sky, self._color, self._ids, self._present, self._outline, self._projector, self.scene):
+        passes = (self._sky, self._color, self._rings, self._ids, self._present, self._outline)
+        for thing in (*passes, self._projector, self.scene):
             thing.release()
         self.free_retired()
         if self._targets is not None:
@@ -174,34 +177,44 @@ class GlRenderer:
         """Make a key that identifies what the projected splats look like through a camera."""
         return make_camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
 
-    def _project(self, camera: Camera) -> None:
-        key = self._make_look_key(camera)
+    def _project(self, camera: Camera, snapshot: FrameSnapshot) -> None:
+        least_dot = _find_least_dot(snapshot)
+        key = (self._make_look_key(camera), least_dot)
         if self._keys.get("records") != key:
-            self._projector.project(self.scene, camera)
+            self._projector.project(self.scene, camera, least_dot)
             self._keys["records"] = key
 
     def _draw_blended(self, targets: Targets, snapshot: FrameSnapshot) -> None:
         show_depth = snapshot.view_mode is ViewMode.DEPTH
-        key = (self._make_look_key(snapshot.camera), show_depth, snapshot.show_sky)
+        look = snapshot.id_opacity if snapshot.view_mode in SPLAT_MODES else None
+        key = (self._make_look_key(snapshot.camera), snapshot.view_mode, look, snapshot.show_sky)
         if self._keys.get("blended") == key:
             return
         camera = snapshot.camera.resize(*targets.blended_size)
-        self._project(camera)
+        self._project(camera, snapshot)
         if show_depth:
             self._sky.draw(targets.blended_buffer, camera, None, (0.0, 0.0, 0.0))
         else:
             self._sky.draw(targets.blended_buffer, camera, self.scene.sky if snapshot.show_sky else None)
-        self._color.draw(targets.blended_buffer, show_depth)
+        if snapshot.view_mode is ViewMode.RINGS:
+            self._rings.draw(targets.blended_buffer, snapshot.id_opacity)
+        else:
+            self._color.draw(targets.blended_buffer, show_depth)
         self._keys["blended"] = key
         self.blended_draws += 1
 
     def _draw_rows(self, targets: Targets, snapshot: FrameSnapshot) -> None:
-        key = (self._make_look_key(snapshot.camera), snapshot.id_opacity)
+        key = (self._make_look_key(snapshot.camera), snapshot.id_opacity, _find_least_dot(snapshot))
         if self._keys.get("rows") == key:
             return
-        self._project(snapshot.camera)
+        self._project(snapshot.camera, snapshot)
         self._ids.draw(targets, snapshot.id_opacity)
         self._keys["rows"] = key
+
+
+def _find_least_dot(snapshot: FrameSnapshot) -> float | None:
+    """Opacity from which splats are dots; None where the view shows them whole."""
+    return snapshot.id_opacity if snapshot.view_mode is ViewMode.CENTERS else None
 
 
 def make_camera_key(camera: Camera) -> tuple[Any, ...]:

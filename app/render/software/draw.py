@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8
@@ -22,14 +22,15 @@ from instdrive_app.render.software.picture import add_outlines, paint_color, pai
 from instdrive_app.render.software.placed_splats import PlacedSplats
 from instdrive_app.render.software.scene import SceneState
 from instdrive_app.render.software.thread import Superseded
-from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot, ViewMode
+from instdrive_app.state import ID_ALPHA_CUT, SPLAT_MODES, FrameSnapshot, ViewMode
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.importance import select_most_important
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.kernels.sky_behind import add_sky
-from instdrive_core.rasterize.preview import PickRule, Preview, blend_projected
+from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, Preview, blend_projected
 from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview.splats import project_splats
+from instdrive_core.rasterize.preview.splats import ProjectedSplats, project_splats
+from instdrive_core.rasterize.splat_looks import DOT_LOG_SCALE, DOT_SETTINGS, RING_RULE, make_dots, paint_rings
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
 
@@ -74,6 +75,7 @@ class SoftwareDraw:
         self._placed: PlacedSplats | None = None
         self._blended: Preview | None = None
         self._winner = np.zeros((0, 0), np.int32)
+        self._found: ProjectedSplats | None = None
         self._key: object = None
         self._budget = 2 * FEWEST_SPLATS
         self._depth_range: tuple[object, tuple[float, float]] = (None, (1.0, 100.0))
@@ -88,6 +90,7 @@ class SoftwareDraw:
             snapshot.id_opacity,
             snapshot.show_sky,
             snapshot.draft,
+            snapshot.view_mode if snapshot.view_mode in SPLAT_MODES else None,
             placed,
             placed.look_version,
         )
@@ -116,18 +119,23 @@ class SoftwareDraw:
         if snapshot.draft:
             arrays = placed.means, placed.areas, opacities
             opacities = select_most_important(*arrays, camera, self._budget, settings, workspace)
-        shapes = placed.means, placed.quats, placed.log_scales, opacities
+        log_scales = placed.log_scales
+        if snapshot.view_mode is ViewMode.CENTERS:
+            settings, opacities = DOT_SETTINGS, make_dots(opacities, snapshot.id_opacity)
+            log_scales = np.full_like(log_scales, DOT_LOG_SCALE)
+        shapes = placed.means, placed.quats, log_scales, opacities
         found = project_splats(*shapes, camera, settings, workspace)
         check()
         write_colors(found, _build_color_source(placed), placed.means, camera.position)
         check()
-        rule = PickRule(min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
+        usual = RING_RULE if snapshot.view_mode is ViewMode.RINGS else DEFAULT_PICK_RULE
+        rule = replace(usual, min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
         if state.sky is not None and snapshot.show_sky:
             blended = blend_projected(found, camera, workspace, settings, rule)
             add_sky(state.sky, camera, blended.color, blended.alpha)
         else:
             blended = blend_projected(found, camera, workspace, settings, rule, BACKDROP)
-        self._blended, self._winner = blended, blended.winner
+        self._blended, self._winner, self._found = blended, blended.winner, found
 
     def _adapt(self, seconds: float, count: int) -> None:
         wanted = self._budget * float(np.clip(DRAFT_SECONDS / seconds, 0.7, 1.4))
@@ -136,7 +144,9 @@ class SoftwareDraw:
     def _compose(self, state: SceneState, snapshot: FrameSnapshot, camera: Camera) -> UInt8[ndarray, "h w 4"]:
         blended, winner = self._blended, self._winner
         assert blended is not None
-        if snapshot.view_mode is ViewMode.COLOR:
+        if snapshot.view_mode is ViewMode.RINGS and self._found is not None:
+            picture = paint_color(paint_rings(self._found, winner, ID_ALPHA_CUT, BACKDROP))
+        elif snapshot.view_mode in (ViewMode.COLOR, ViewMode.CENTERS):
             picture = paint_color(blended.color)
         elif snapshot.view_mode is ViewMode.DEPTH:
             picture = paint_depth(blended.depth, blended.alpha, self._find_depth_range(camera))

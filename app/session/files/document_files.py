@@ -41,8 +41,13 @@ class DocumentFiles:
         context: SessionContext,
         show: Callable[[OpenedDocument], None],
         store_more: Callable[[], dict[str, Any]] = dict,
+        get_more_version: Callable[[], int] = int,
     ) -> None:
-        """`show` gets each document that was opened; `store_more` gives what a project keeps beside the view."""
+        """`show` gets each document that was opened; `store_more` gives what a project keeps beside the view.
+
+        `get_more_version` gives a number that rises whenever the user has changed that.
+        """
+        self._get_more_version, self._saved_more = get_more_version, 0
         self._store_more = store_more
         self._context, self._jobs, self._messages, self._show = context, context.jobs, context.messages, show
         self.path: Path | None = None
@@ -66,12 +71,14 @@ class DocumentFiles:
     def is_unsaved(self) -> bool:
         """Whether the document differs from its project, or from the scene while there is no project."""
         document = self._context.document
-        return document is not None and list_changes(document) != self._saved
+        is_changed = self._get_more_version() != self._saved_more
+        return document is not None and (is_changed or list_changes(document) != self._saved)
 
     def enter(self, document: Document, path: Path | None, saved: bool = True) -> None:
         """Follow a document from `path`; a recovered one is not `saved`, its file lacks something."""
         self.path, self._saved = path, list_changes(document) if saved else None
         self._stamp = _read_stamp(path) if path is not None else None
+        self._saved_more = self._get_more_version()
         if path is not None:
             self.recents.add(path)
 
@@ -146,6 +153,7 @@ class DocumentFiles:
         self, document: Document, path: Path, view: dict[str, Any], then: Callable[[], None], over_other: bool = False
     ) -> None:
         state, changes = capture_project_state(document, view), list_changes(document)
+        more = self._get_more_version()
 
         def work() -> None:
             # Looked at here, where the save before this one is done.
@@ -156,7 +164,7 @@ class DocumentFiles:
             self._stamp = _read_stamp(path)
 
         def finish(_: None) -> None:
-            self.path, self._saved = path, changes
+            self.path, self._saved, self._saved_more = path, changes, more
             self.autosave.note_save(path, state)
             self.recents.add(path)
             self._messages.info(f"Saved {path}")

@@ -14,6 +14,7 @@ from instdrive_core.progress import report, report_span
 from instdrive_core.project.open import open_document, open_project
 from instdrive_core.project.recoverable import RecoverableSession, RestoredSession, restore_session
 from instdrive_core.project.save import is_project
+from instdrive_core.project.sources import get_sources
 from instdrive_core.rasterize.sky_evidence import fill_scene_sky
 from instdrive_core.scene.lint import Defect, find_defects
 
@@ -51,6 +52,8 @@ def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int =
             if keep_every > 1:
                 every = f"Every {format_ordinal(keep_every)} splat"
                 notes = (f"{every} was opened and made larger: {len(document.scene):,} in all",)
+            note = get_sources(document).cameras_note
+            notes = (*notes, note) if note else notes
     fill_document_sky(document)
     document.count_states()  # builds the index of instances here, so that the first click finds it built
     report(0.95)

@@ -27,10 +27,24 @@ def load_colmap(path: str | Path, options: ClipOptions) -> Clip:
     Raises DataError where the model is damaged or no photo is there, OptionError for options that do not fit.
     """
     root = Path(path)
+    model = _read_folder(root)
+    return build_photo_clip(root, model.listing, _place_photos(root, model), model.points, options)
+
+
+def list_colmap_photos(root: Path) -> list[PosedPhoto]:
+    """List the photos of a folder with a COLMAP model, in the model's own world. Raises as `load_colmap`."""
+    return _place_photos(root, _read_folder(root))
+
+
+def _read_folder(root: Path) -> ColmapModel:
     folder = _find_model_folder(root)
     if folder is None:
         raise DataError(root, "holds no COLMAP model (sparse/0/cameras.bin or .txt)", "Give the folder above 'sparse'")
-    model = read_colmap_model(folder)
+    return read_colmap_model(folder)
+
+
+def _place_photos(root: Path, model: ColmapModel) -> list[PosedPhoto]:
+    """Give each photo of a model its file, camera and pose."""
     photos_folder = root / PHOTOS if (root / PHOTOS).is_dir() else root
     photos = []
     for image in model.images:
@@ -42,7 +56,7 @@ def load_colmap(path: str | Path, options: ClipOptions) -> Clip:
         photos.append(
             PosedPhoto(image.name, resolve_inner_path(model.listing, photos_folder, image.name), posed, distortion)
         )
-    return build_photo_clip(root, model.listing, photos, model.points, options)
+    return photos
 
 
 def read_colmap_model(folder: Path) -> ColmapModel:

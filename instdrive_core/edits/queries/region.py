@@ -57,15 +57,16 @@ def find_instances_in_region(
     ids = document.scene.instance_ids
     if winners is not None:
         shown = np.append(np.uint32(0), ids)[winners]
-        return _keep_with_share(shown[region], shown.ravel(), min_share)
+        return find_ids_with_share(shown[region], shown.ravel(), min_share)
     means, drawn = compute_shown_means(document, time)
     inside = find_points_in_region(means, camera, region, NEAR) & drawn
-    return _keep_with_share(ids[inside], ids[drawn], min_share)
+    return find_ids_with_share(ids[inside], ids[drawn], min_share)
 
 
-def _keep_with_share(
-    inside: UInt32[ndarray, " a"], everywhere: UInt32[ndarray, " b"], min_share: float
+def find_ids_with_share(
+    inside: UInt32[ndarray, " a"], everywhere: UInt32[ndarray, " b"], min_share: float = MIN_SHARE
 ) -> tuple[int, ...]:
+    """IDs of which more than `min_share` of `everywhere` is `inside`, rising; both list an ID per splat, 0 = none."""
     found, counts = np.unique(inside, return_counts=True)
     # IDs may be large and sparse: places in the short list of those found are counted, not the IDs.
     places = np.searchsorted(found, everywhere).clip(max=max(len(found) - 1, 0))
