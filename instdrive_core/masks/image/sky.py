@@ -28,7 +28,7 @@ MIN_LIKELIHOOD = 0.97
 GAP_RIM = 0.85
 """Share of the rim of an unknown part that must be sky for the part to be sky, too."""
 MIN_BLIND_LIKELIHOOD = 0.5
-"""The same for columns that seem open, above the highest beam."""
+"""Share of sky from which on columns that seem open are sky above the highest beam."""
 
 
 class SkyColors:
@@ -101,7 +101,9 @@ def find_sky_seeds(
 
 def find_sky_gaps(unknown: Bool[ndarray, "h w"], sky: Bool[ndarray, "h w"], camera: Camera) -> Bool[ndarray, "h w"]:
     """Find unknown pixels in parts above the horizon that border on little but sky: clouds of a colour of their own."""
-    parts, count = ndimage.label(unknown & (_compute_elevation(camera) > LOWEST_SKY))
+    parts = np.zeros(unknown.shape, np.int32)
+    ndimage.label(unknown & (_compute_elevation(camera) > LOWEST_SKY), output=parts)
+    count = int(parts.max())
     rims, with_sky = np.zeros(count + 1), np.zeros(count + 1)
     for one, other, beyond in _pair_neighbours(parts, sky):
         apart = (one > 0) & (one != other)

@@ -101,8 +101,10 @@ def _follow(
 
     window = (_WINDOW, _WINDOW)
     centers = (places - 0.5).reshape(-1, 1, 2)
-    moved, found, error = cv2.calcOpticalFlowPyrLK(before, photo, centers, None, winSize=window, maxLevel=_LEVELS)
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(photo, before, moved, None, winSize=window, maxLevel=_LEVELS)
+    moved, found, error = cv2.calcOpticalFlowPyrLK(
+        before, photo, centers, centers.copy(), winSize=window, maxLevel=_LEVELS
+    )
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(photo, before, moved, moved.copy(), winSize=window, maxLevel=_LEVELS)
     loop = np.linalg.norm(back - centers, axis=2).ravel()
     moved = moved.reshape(-1, 2) + np.float32(0.5)
     height, width = photo.shape
