@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 from random_scene import random_scene
-from sog_files import files_of, meta_of, random_bytes, write_archive, write_folder
+from sog_files import files_of, meta_of, random_bytes, write_folder
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.allocation import ReadOptions
@@ -31,7 +31,7 @@ from instdrive_core.formats.registry import (
 )
 from instdrive_core.formats.scene_files import identify_scene, list_scene_files
 from instdrive_core.formats.scene_format import Fidelity, Format
-from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER
+from instdrive_core.formats.sog.records import SOG_FOLDER
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.up_estimate import estimate_up
 from instdrive_core.scene.upright import AXES
@@ -55,7 +55,6 @@ def checkpoint_writer(name, content):
 
 
 SAMPLES = {
-    SOG_ARCHIVE.title: lambda folder: write_archive(folder / "street.sog", sog_files()),
     SOG_FOLDER.title: lambda folder: write_folder(folder / "street", sog_files()),
     CHECKPOINT_PTH.title: checkpoint_writer("street.pth", build_captured_content),
     CHECKPOINT_PT.title: checkpoint_writer("street.pt", build_gsplat_content),
@@ -65,7 +64,7 @@ SAMPLES = {
     ),
 }
 """How a format that the program does not write comes by a file: a new one needs an entry."""
-PATHS = {SOG_ARCHIVE.title: "street.sog", SOG_FOLDER.title: "street", TRAINING_FOLDER.title: "street"}
+PATHS = {SOG_FOLDER.title: "street", TRAINING_FOLDER.title: "street"}
 PATHS |= {fmt.title: f"street{fmt.suffix}" for fmt in (CHECKPOINT_PTH, CHECKPOINT_PT, CHECKPOINT_CKPT)}
 
 

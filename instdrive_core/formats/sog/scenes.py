@@ -1,6 +1,6 @@
 """Scenes in PlayCanvas's SOG: lossless WebP images whose bytes are quantised attributes, and a meta.json.
 
-Read only, from a .sog archive, a meta.json with its images beside it, or a scene in levels of detail (`levels`).
+Read from a .sog archive, a meta.json with its images beside it, or a scene in levels of detail (`levels`).
 A splat is one pixel of each image; its values come out exactly as the file defines them, so that what differs from the
 scene that was packed was lost in packing:
 
@@ -38,9 +38,9 @@ PALETTE_COLUMNS = 64
 BLOCK_ROWS = 16384
 PASSING = 24
 """Bytes per splat of images that are in memory together, as the file has them and in colours of 8 bits."""
-_FIRST_TAG = 252
+FIRST_TAG = 252
 """Alpha of a rotation's pixel: this where w is left out, then x, y, z."""
-_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
 def read_sog(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
@@ -95,14 +95,14 @@ def _fill_means(meta: SogMeta, store: Store, gaussians: Gaussians, options: Read
 
 
 def _decode_rotations(pixels: UInt8[ndarray, "n 4"], start: int, path: Path) -> Float32[ndarray, "n 4"]:
-    wrong = np.flatnonzero(pixels[:, 3] < _FIRST_TAG)
+    wrong = np.flatnonzero(pixels[:, 3] < FIRST_TAG)
     if len(wrong):
-        problem = f"the rotation of splat {start + wrong[0]} has tag {pixels[wrong[0], 3]}, not {_FIRST_TAG} to 255"
+        problem = f"the rotation of splat {start + wrong[0]} has tag {pixels[wrong[0], 3]}, not {FIRST_TAG} to 255"
         raise DataError(path, problem, REMEDY)
-    largest = pixels[:, 3:].astype(np.int64) - _FIRST_TAG
+    largest = pixels[:, 3:].astype(np.int64) - FIRST_TAG
     stored = (pixels[:, :3] / 255.0 * 2 - 1) * math.sqrt(0.5)
     units = np.empty((len(pixels), 4))
-    np.put_along_axis(units, _OTHERS[largest[:, 0]], stored, axis=1)
+    np.put_along_axis(units, OTHERS[largest[:, 0]], stored, axis=1)
     rest = np.sqrt(np.maximum(0.0, 1.0 - np.sum(stored**2, axis=1, keepdims=True)))
     np.put_along_axis(units, largest, rest, axis=1)
     return normalize_quaternions(units).astype(np.float32)

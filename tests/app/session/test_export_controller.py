@@ -171,7 +171,7 @@ def test_the_dialog_begins_with_the_scene_and_proposes_names(session, street, tm
         ("masks", "masks", "masks.json"),
         ("objects", "boxes.glb", "boxes.ply"),
         ("view", "view.png", "view"),
-        ("scene", "folder", "scene.sog"),
+        ("scene", "folder", "scene.xyz"),
     ):
         purpose = with_choice(session, options, what)
         assert not purpose.find_problem(tmp_path / right), what
