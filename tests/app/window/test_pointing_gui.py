@@ -20,7 +20,8 @@ def test_a_car_is_framed_gone_behind_and_orbited_without_diving_under_the_road(w
     np.testing.assert_array_equal(state["camera"]["world_from_camera"], start, "the wheel does not move the camera")
     window.click_widget(f"stack.{chosen}")
     window.wait_for_selection(chosen)
-    window.click(40, 400)  # elsewhere: what follows is a double click of its own
+    left, _, right, bottom = window.state["widgets"]["picture"]
+    window.click((left + right) / 2, bottom - 30)  # elsewhere: what follows is a double click of its own
     window.double_click(*window.pixel_of(MIDDLE))
     state = window.wait_for(lambda state: not np.allclose(state["camera"]["world_from_camera"], start), "to frame it")
     assert state["selected"] == [chosen]
