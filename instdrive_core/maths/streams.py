@@ -86,6 +86,9 @@ class Stream(IntEnum):
     TWIN_CUBOIDS = 1404
     """IDs and delays of second annotations."""
 
+    SOG_PALETTE = 1501
+    """First centres of the palette of a .sog file's harmonics."""
+
 
 def make_generator(seed: int, stream: Stream, *numbers: int) -> np.random.Generator:
     """Make the generator of a stream.

@@ -9,6 +9,8 @@ from jaxtyping import Float32, Float64, Int64
 from numpy import ndarray
 from scipy.cluster.vq import kmeans2
 
+from ...maths.streams import Stream, make_generator
+
 CODES = 256
 _ROUNDS = 20
 _LEAF, _LEAF_ROUNDS = 32, 3
@@ -52,7 +54,7 @@ def choose_palette(rows: Float32[ndarray, "n d"], most: int) -> tuple[Float32[nd
         return different, place
     palette, labels, used = [], np.empty(len(different), np.int64), 0
     parts = [(np.arange(len(different)), most)]
-    rng = np.random.default_rng(0)
+    rng = make_generator(0, Stream.SOG_PALETTE)
     while parts:
         mine, share = parts.pop()
         if share > _LEAF:
