@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int32, Integer, UInt8
+from jaxtyping import Int32, Int64, Integer, UInt8
 from numpy import ndarray
 
 from benchmarks.uncovered import LEAST, Uncovered
@@ -89,13 +89,13 @@ def find_parked_car(scene: Scene, street: Street, instance: Instance) -> int | N
     return nearest if nearest is not None and distances[nearest] < NEAREST else None
 
 
-def choose_best_views(scene: Scene, instance: int, count: int) -> list[CameraView]:
-    """The photos that show most of an instance, from different places."""
-    areas = []
+def count_instance_pixels(scene: Scene) -> Int64[ndarray, "views ids"]:
+    """Pixels of each ID in each of the scene's photos."""
+    size, counts = max((instance.id for instance in scene.table), default=0) + 1, []
     for view in scene.views:
         ids = build_instance_map(scene, view_scene(scene, view.camera, view.time))
-        areas.append(int((ids == instance).sum()))
-    return spread_views(scene.views, np.array(areas), count)
+        counts.append(np.bincount(ids.ravel(), minlength=size))
+    return np.array(counts, np.int64).reshape(len(scene.views), size)
 
 
 def spread_views(views: Sequence[CameraView], areas: Integer[ndarray, " n"], count: int) -> list[CameraView]:

@@ -17,14 +17,21 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from copy import deepcopy
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import tyro
 from PIL import Image
 
-from benchmarks.hole_streets import choose_best_views, find_parked_car, list_uncovered, train_street
+from benchmarks.hole_streets import (
+    count_instance_pixels,
+    find_parked_car,
+    list_uncovered,
+    spread_views,
+    train_street,
+)
 from benchmarks.phantom_cars import add_phantom, hide_phantoms, list_phantom_photos, place_phantoms
 from benchmarks.uncovered import Errors, Uncovered, draw_photo, measure_errors, summarize_errors
 from instdrive_core.datasets.clip import ClipOptions
@@ -105,14 +112,14 @@ def _list_street_cars(options: Options, folder: Path) -> Iterator[Car]:
         config = StreetConfig(seed=seed)
         print(f"street {seed}", file=sys.stderr, flush=True)
         scene = open_scene(train_street(config, folder / f"street-{seed}", options.preset))
-        street, known = build_street(config), set[int]()
+        street, known, pixels = build_street(config), set[int](), count_instance_pixels(scene)
         for instance in sorted(scene.table, key=lambda each: -each.count):
             car = None
             if not instance.node and instance.count >= options.min_splats:
                 car = find_parked_car(scene, street, instance)
             if car is not None and car not in known:
                 known.add(car)
-                views = choose_best_views(scene, instance.id, options.views)
+                views = spread_views(scene.views, pixels[:, instance.id], options.views)
                 yield f"{seed}-{instance.id}", scene, instance.id, list(list_uncovered(scene, street, car, views))
 
 
@@ -139,7 +146,7 @@ def _measure_car(
     """Delete one car in a copy of the scene, clean up, and compare before and after."""
     if not photos:
         return
-    document = Document(replace(scene, extra=dict(scene.extra)))
+    document = Document(deepcopy(scene))
     document.apply(DeleteInstances((number,)))
     gone = bake_document(document)
     started = time.perf_counter()
