@@ -13,7 +13,7 @@ from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
 from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
 from instdrive_core.formats.ply.records import COMPRESSED_PLY, INRIA_PLY, SIBR_PLY
 from instdrive_core.formats.scene_format import Format
-from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER
+from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER, SOG_LEVELS
 from instdrive_core.formats.splat import SPLAT
 from instdrive_core.formats.spz.scenes import SPZ
 from instdrive_core.scene.scene import Scene
@@ -27,6 +27,7 @@ FORMATS: tuple[Format, ...] = (
     SPZ,
     SOG_ARCHIVE,
     SCENE_FOLDER,
+    SOG_LEVELS,
     SOG_FOLDER,
     CHECKPOINT_PTH,
     CHECKPOINT_PT,
