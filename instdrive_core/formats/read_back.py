@@ -69,7 +69,7 @@ def find_loss(written: Scene, found: Scene, fidelity: Fidelity) -> str:
         return ""
     if fidelity.is_exact:
         return _find_changed_bits(written, found, fidelity.keeps_instances)
-    order = None if fidelity.order is None else fidelity.order(written.gaussians.means)
+    order = fidelity.find_order(written)
     return _find_moved(written, found, fidelity, order) or _find_no_longer_finite(written, found, order)
 
 

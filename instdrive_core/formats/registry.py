@@ -11,6 +11,7 @@ from instdrive_core.formats.allocation import MEMORY_TO_READ, ReadOptions, enlar
 from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
 from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
+from instdrive_core.formats.gltf.records import GLB, GLTF
 from instdrive_core.formats.ply.records import COMPRESSED_PLY, INRIA_PLY, SIBR_PLY
 from instdrive_core.formats.scene_format import Format
 from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER, SOG_LEVELS
@@ -26,6 +27,8 @@ FORMATS: tuple[Format, ...] = (
     SPLAT,
     SPZ,
     SOG_ARCHIVE,
+    GLB,
+    GLTF,
     SCENE_FOLDER,
     SOG_LEVELS,
     SOG_FOLDER,
