@@ -33,7 +33,7 @@ def save_and_verify(path: str | Path, scene: Scene, *, sibr: bool = False) -> No
 
     def check(temporary: Path, target: Path) -> None:
         # A folder's arrays wait for the file that names them, and what stands beside a file is no scene.
-        last = path.resolve().name if fmt.folder is None else fmt.folder.last_file
+        last = fmt.folder.last_file if fmt.folder is not None and not fmt.suffix else path.resolve().name
         if target.name == last:
             around.run(_check, temporary, path, scene, fmt)
 

@@ -133,8 +133,6 @@ def _write_files(path: Path, scene: Scene, levels: list[_Level], tree: dict[str,
         packed[f"{number}_{index}"] = files
         done += len(rows)
     folder = f"levels-{digest.hexdigest()[:16]}"
-    for name, files in packed.items():
-        save_sog_files(path.parent / folder / name / META, files)
     content = {
         "version": 1,
         "count": total,
@@ -143,7 +141,15 @@ def _write_files(path: Path, scene: Scene, levels: list[_Level], tree: dict[str,
         "filenames": [f"{folder}/{name}/{META}" for name in packed],
         "tree": tree,
     }
-    write_bytes(path, json.dumps(content).encode())
+    is_new = not (path.parent / folder).exists()
+    try:
+        for name, files in packed.items():
+            save_sog_files(path.parent / folder / name / META, files)
+        write_bytes(path, json.dumps(content).encode())
+    except BaseException:
+        if is_new:
+            shutil.rmtree(path.parent / folder, ignore_errors=True)
+        raise
     report(1.0)
     for other in path.parent.iterdir():
         if _OURS.fullmatch(other.name) and other.name != folder and other.is_dir() and not other.is_symlink():

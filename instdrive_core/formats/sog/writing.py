@@ -71,13 +71,19 @@ def write_sog_folder(path: str | Path, scene: Scene) -> None:
 def save_sog_files(path: Path, files: dict[str, bytes]) -> None:
     """Save what `pack_sog` made, the meta.json as `path` and last; digests of images become part of their names."""
     names = {name: _name_image(name, data) for name, data in files.items() if name != META}
-    for name, unique in names.items():
-        write_bytes(path.with_name(unique), files[name])
     meta = json.loads(files[META])
     for entry in meta.values():
         if isinstance(entry, dict):
             entry["files"] = [names[name] for name in entry["files"]]
-    write_bytes(path, json.dumps(meta).encode())
+    new = [path.with_name(unique) for unique in names.values() if not path.with_name(unique).exists()]
+    try:
+        for name, unique in names.items():
+            write_bytes(path.with_name(unique), files[name])
+        write_bytes(path, json.dumps(meta).encode())
+    except BaseException:
+        for image in new:
+            image.unlink(missing_ok=True)
+        raise
 
 
 def order_for_sog(means: Float[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
