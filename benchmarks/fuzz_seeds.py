@@ -115,6 +115,8 @@ def _list_scene_seeds(folder: Path) -> Iterator[Seed]:
     yield written("splat", "scene.splat", lambda path: save_scene(path, still))
     for version in (1, 2, 3, 4):
         yield written("spz", f"v{version}.spz", lambda path, version=version: write_spz(path, still, version))
+    for name in ("scene.glb", "scene.gltf"):
+        yield written("gltf", name, lambda path: save_scene(path, still))
     save_scene(folder / "run", drive)
     yield Seed("scene_folder", "run", read_files_below(folder / "run"))
 

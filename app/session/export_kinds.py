@@ -28,8 +28,8 @@ from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 
 What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view"]
-WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
-"""Endings of scene files."""
+WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix.startswith(".") and fmt.write is not None)
+"""Endings of scene files; names that folders are known by are none."""
 _BAKING = 0.2
 RENDERED_MODES: dict[ViewMode, Look] = {
     ViewMode.COLOR: "color",

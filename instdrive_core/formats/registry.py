@@ -11,9 +11,10 @@ from instdrive_core.formats.allocation import MEMORY_TO_READ, ReadOptions, enlar
 from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
 from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
+from instdrive_core.formats.gltf.records import GLB, GLTF
 from instdrive_core.formats.ply.records import COMPRESSED_PLY, INRIA_PLY, SIBR_PLY
 from instdrive_core.formats.scene_format import Format
-from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER
+from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER, SOG_LEVELS
 from instdrive_core.formats.splat import SPLAT
 from instdrive_core.formats.spz.scenes import SPZ
 from instdrive_core.scene.scene import Scene
@@ -26,7 +27,10 @@ FORMATS: tuple[Format, ...] = (
     SPLAT,
     SPZ,
     SOG_ARCHIVE,
+    GLB,
+    GLTF,
     SCENE_FOLDER,
+    SOG_LEVELS,
     SOG_FOLDER,
     CHECKPOINT_PTH,
     CHECKPOINT_PT,

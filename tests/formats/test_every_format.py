@@ -31,7 +31,6 @@ from instdrive_core.formats.registry import (
 )
 from instdrive_core.formats.scene_files import identify_scene, list_scene_files
 from instdrive_core.formats.scene_format import Fidelity, Format
-from instdrive_core.formats.sog.records import SOG_FOLDER
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.up_estimate import estimate_up
 from instdrive_core.scene.upright import AXES
@@ -55,7 +54,6 @@ def checkpoint_writer(name, content):
 
 
 SAMPLES = {
-    SOG_FOLDER.title: lambda folder: write_folder(folder / "street", sog_files()),
     CHECKPOINT_PTH.title: checkpoint_writer("street.pth", build_captured_content),
     CHECKPOINT_PT.title: checkpoint_writer("street.pt", build_gsplat_content),
     CHECKPOINT_CKPT.title: checkpoint_writer("street.ckpt", build_splatfacto_content),
@@ -64,18 +62,32 @@ SAMPLES = {
     ),
 }
 """How a format that the program does not write comes by a file: a new one needs an entry."""
-PATHS = {SOG_FOLDER.title: "street", TRAINING_FOLDER.title: "street"}
+PATHS = {TRAINING_FOLDER.title: "street"}
 PATHS |= {fmt.title: f"street{fmt.suffix}" for fmt in (CHECKPOINT_PTH, CHECKPOINT_PT, CHECKPOINT_CKPT)}
+
+
+def name_file(fmt, folder):
+    """A path to be written: a street of its ending, or its whole name in a folder of the street's."""
+    return (
+        folder / f"street{fmt.suffix}"
+        if fmt.suffix.startswith(".") or not fmt.suffix
+        else folder / "street" / fmt.suffix
+    )
 
 
 def sample(fmt, folder):
     """Path of a scene of this format, written below `folder`."""
     if fmt.write is not None:
-        path = folder / f"street{fmt.suffix}"
+        path = name_file(fmt, folder)
         fmt.write(path, still_scene())
-        return path
+        return path.parent if path.name == fmt.suffix else path
     SAMPLES[fmt.title](folder)
     return folder / PATHS[fmt.title]
+
+
+def list_read_files(path):
+    """The files of a scene that opening reads: of levels of detail, those of the finest."""
+    return [file for file in list_scene_files(path) if file.parent.name not in ("1_0", "2_0", "3_0")]
 
 
 @pytest.fixture(params=FORMATS, ids=IDS)
@@ -102,7 +114,7 @@ def test_what_was_written_opens_within_its_fidelity(fmt, tmp_path):
         with pytest.raises(DataError, match=r"can be opened but not written\. Save as one of"):
             find_format_to_write(tmp_path / f"street{fmt.suffix}")
         return
-    path, scene = tmp_path / f"street{fmt.suffix}", still_scene()
+    path, scene = name_file(fmt, tmp_path), still_scene()
     assert find_format_to_write(path)[0] is fmt
     save_and_verify(path, scene)
     assert find_loss(scene, open_scene(path), fmt.fidelity) == ""
@@ -134,7 +146,7 @@ def test_every_file_of_a_scene_is_listed_and_counts(fmt, tmp_path):
 
 def test_files_cut_off_are_refused_by_name(fmt, tmp_path):
     path = sample(fmt, tmp_path)
-    for file in list_scene_files(path):
+    for file in list_read_files(path):
         content = file.read_bytes()
         file.write_bytes(content[: len(content) // 2 + 1])
         with pytest.raises(DataError) as caught:
@@ -146,7 +158,7 @@ def test_files_cut_off_are_refused_by_name(fmt, tmp_path):
 
 def test_a_missing_file_is_refused_by_name(fmt, tmp_path):
     path = sample(fmt, tmp_path)
-    for file in list_scene_files(path):
+    for file in list_read_files(path):
         content = file.read_bytes()
         file.unlink()
         with pytest.raises(DataError, match=path.name):

@@ -84,6 +84,8 @@ SCENE_FILES = {
     "compressed-ply": lambda folder: _save(folder, "street.compressed.ply"),
     "splat": lambda folder: _save(folder, "street.splat"),
     **{f"spz-{version}": lambda folder, version=version: _save_spz(folder, version) for version in (1, 2, 3, 4)},
+    "glb": lambda folder: _save(folder, "street.glb"),
+    "gltf": lambda folder: _save(folder, "street.gltf"),
     "sog": _save_sog,
     "sog-folder": lambda folder: _save_sog_folder(folder, legacy=False),
     "sog-folder-old": lambda folder: _save_sog_folder(folder, legacy=True),

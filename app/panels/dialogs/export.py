@@ -19,7 +19,7 @@ _TITLES = {fmt.suffix: fmt.title for fmt in FORMATS}
 _OBJECT_FILES = ((".json", "Boxes, and tracks of moving objects"), (".glb", "3D scene with one node per instance"))
 _MASK_FORMATS = ((False, "PNG: exact colours and labels"), (True, "COCO panoptic"))
 _SCALES = (1.0, 2.0, 4.0)
-_ENDINGS_WITH_IDS = ("", ".ply")
+_ENDINGS_WITH_IDS = ("", ".ply", ".glb", ".gltf")
 _LABEL_EM, _COMBO_EM = 4.2, 27.0
 Key = TypeVar("Key")
 
