@@ -16,6 +16,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, choose_origin, is_held_out
 from instdrive_core.datasets.distortion import Distortion, find_covered_pixels, undistort
+from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.datasets.photos import load_photo
 from instdrive_core.datasets.upright import find_upright_world
 from instdrive_core.errors import DataError, OptionError, UntrustedDataError
@@ -102,9 +103,11 @@ def build_photo_clip(
     ordered = _order_photos(root, photos, options.cameras)
     present = [entry for entry in ordered if entry[1].file.is_file()]
     missing = _describe_missing(listing, ordered, present)
-    chosen = [entry for entry in present if _is_in_range(entry[0], options)]
+    times = {step: STEP_SECONDS * step for step, _ in ordered}
+    is_asked = build_range_test(options, times)
+    chosen = [entry for entry in present if is_asked(entry[0])]
     if not chosen:
-        raise OptionError(f"{root}: no photo lies in the chosen frames; there are 0–{ordered[-1][0]}")
+        raise OptionError(f"{root}: no photo lies in the chosen frames; there are {describe_steps(times)}")
     world = find_upright_world(np.stack([photo.camera.world_from_camera for photo in photos]), points.points)
     poses = world.transform_poses(np.stack([photo.camera.world_from_camera for _, photo in chosen]))
     origin = choose_origin(poses[:, :3, 3])
@@ -196,10 +199,6 @@ def _describe_missing(
     note = f"{len(missing)} of {len(listed)} photos are missing, e.g. {missing[0]}"
     logger.warning("%s: %s", listing, note)
     return (note,)
-
-
-def _is_in_range(step: int, options: ClipOptions) -> bool:
-    return (options.first_frame or 0) <= step and (options.last_frame is None or step <= options.last_frame)
 
 
 Coverage = Callable[[Camera, Distortion], Bool[ndarray, "h w"] | None]

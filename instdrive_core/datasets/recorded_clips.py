@@ -23,6 +23,7 @@ from instdrive_core.datasets.clip import (
     is_held_out,
 )
 from instdrive_core.datasets.distortion import find_covered_pixels, undistort
+from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.datasets.photos import decode_photo
 from instdrive_core.datasets.posed_photos import DEFAULT_WIDTH, choose_cameras, describe_start
 from instdrive_core.datasets.recording import Lens, RecordedPhoto, RecordedSweep, Recording
@@ -48,12 +49,11 @@ def build_recorded_clip(recording: Recording, options: ClipOptions) -> Clip:
         raise DataError(recording.root, "holds no photo", "Get the data set's photos, too")
     present = tuple(name for name in recording.lenses if any(photo.camera == name for photo in recording.photos))
     names = choose_cameras(recording.root, present, options.cameras)
-    low = -math.inf if options.first_frame is None else options.first_frame
-    high = math.inf if options.last_frame is None else options.last_frame
-    photos = [photo for photo in recording.photos if photo.camera in names and low <= photo.step <= high]
+    is_asked = build_range_test(options, recording.step_times)
+    photos = [photo for photo in recording.photos if photo.camera in names and is_asked(photo.step)]
     if not photos:
-        steps = sorted({photo.step for photo in recording.photos})
-        raise OptionError(f"{recording.root}: no photo lies in the chosen frames; there are {steps[0]}–{steps[-1]}")
+        times = {photo.step: recording.step_times[photo.step] for photo in recording.photos}
+        raise OptionError(f"{recording.root}: no photo lies in the chosen frames; there are {describe_steps(times)}")
     photos.sort(key=lambda photo: (photo.step, names.index(photo.camera)))
     used = tuple(name for name in names if any(photo.camera == name for photo in photos))
     notes = [f"{name} has no photo of the chosen frames; going on without it" for name in names if name not in used]
