@@ -150,6 +150,8 @@ class ClipOptions:
     """First time step to use, e.g. 30, or seconds since the log's first, e.g. 3s; default: the log's first."""
     last_frame: Annotated[int | str | None, arg(name="last", aliases=["--last-frame"])] = None
     """Last time step or second to use, inclusive, e.g. 59 or 8.5s; default: the log's last."""
+    fisheye_field: float = 100.0
+    """Degrees across the photos of fisheye cameras that are kept; they are read as pinhole photos. Up to 160."""
 
 
 def choose_origin(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:

@@ -15,7 +15,8 @@ from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, choose_origin, is_held_out
-from instdrive_core.datasets.distortion import Distortion, find_covered_pixels, undistort
+from instdrive_core.datasets.distortion import AnyDistortion, find_covered_pixels, undistort
+from instdrive_core.datasets.fisheye import WIDEST, Fisheye, choose_pinhole
 from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.datasets.photos import load_photo
 from instdrive_core.datasets.upright import find_upright_world
@@ -44,7 +45,7 @@ class PosedPhoto:
     """Its place on disk, whether or not it is there."""
     camera: Camera
     """At full size, in the file's world."""
-    distortion: Distortion
+    distortion: AnyDistortion
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,7 @@ def build_photo_clip(
 
     Raises DataError where no photo is there, OptionError for an unknown camera, an empty frame range or a bad scale.
     """
+    check_field(options)
     if not photos:
         raise DataError(listing, "lists no photo", "Export the data set again")
     if options.scale is not None and not 0 < options.scale <= 1:
@@ -113,7 +115,7 @@ def build_photo_clip(
     origin = choose_origin(poses[:, :3, 3])
     poses[:, :3, 3] -= origin
     chosen = [
-        (step, replace(photo, camera=replace(photo.camera, world_from_camera=pose)))
+        (step, _straighten(replace(photo, camera=replace(photo.camera, world_from_camera=pose)), options))
         for (step, photo), pose in zip(chosen, poses, strict=True)
     ]
     scale = options.scale or min(1.0, DEFAULT_WIDTH / chosen[0][1].camera.width)
@@ -201,7 +203,21 @@ def _describe_missing(
     return (note,)
 
 
-Coverage = Callable[[Camera, Distortion], Bool[ndarray, "h w"] | None]
+def check_field(options: ClipOptions) -> None:
+    """Raise OptionError where no pinhole has the field that is asked for."""
+    if not 10 <= options.fisheye_field <= WIDEST:
+        raise OptionError(f"--fisheye-field is {options.fisheye_field}; give degrees from 10 to {WIDEST:g}")
+
+
+def _straighten(photo: PosedPhoto, options: ClipOptions) -> PosedPhoto:
+    """A fisheye's photo with the pinhole that takes its place; others as they are."""
+    if not isinstance(photo.distortion, Fisheye):
+        return photo
+    camera, distortion = choose_pinhole(photo.camera, photo.distortion, options.fisheye_field)
+    return replace(photo, camera=camera, distortion=distortion)
+
+
+Coverage = Callable[[Camera, AnyDistortion], Bool[ndarray, "h w"] | None]
 
 
 def _build_coverage_cache() -> Coverage:
@@ -209,11 +225,11 @@ def _build_coverage_cache() -> Coverage:
 
     @lru_cache(maxsize=64)
     def find_once(
-        fx: float, fy: float, cx: float, cy: float, width: int, height: int, distortion: Distortion
+        fx: float, fy: float, cx: float, cy: float, width: int, height: int, distortion: AnyDistortion
     ) -> ndarray:
         return find_covered_pixels(Camera(fx, fy, cx, cy, width, height, np.eye(4)), distortion)
 
-    def find_coverage(camera: Camera, distortion: Distortion) -> ndarray | None:
+    def find_coverage(camera: Camera, distortion: AnyDistortion) -> ndarray | None:
         if distortion.is_pinhole:
             return None
         return find_once(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, distortion)
@@ -230,7 +246,7 @@ def _build_frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage)
 
 
 def _load_undistorted(
-    file: Path, full_size: tuple[int, int], camera: Camera, distortion: Distortion
+    file: Path, full_size: tuple[int, int], camera: Camera, distortion: AnyDistortion
 ) -> UInt8[ndarray, "h w 3"]:
     image = load_photo(file, full_size, (camera.width, camera.height))
     return image if distortion.is_pinhole else undistort(image, camera, distortion)
