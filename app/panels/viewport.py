@@ -87,12 +87,11 @@ class ViewportPanel:
     def _offer_handles(self, ui: Ui, place: Rectangle) -> None:
         """Draw the handles before the picture's own item, so that they get the mouse first.
 
-        Handles ignore a press if the mouse was over an item in the frame before. The picture must not count as such an
-        item, and neither must whatever was under the mouse before it moved here in this frame.
+        Handles ignore a press if the mouse was over an item in the frame before. The picture must not count as one.
         """
-        context, moved = imgui.get_current_context(), imgui.get_io().mouse_delta
+        context = imgui.get_current_context()
         hovered_before = context.hovered_id_previous_frame
-        if hovered_before == imgui.get_id(PICTURE) or moved.x or moved.y:
+        if hovered_before == imgui.get_id(PICTURE):
             context.hovered_id_previous_frame = 0
         self._handles.draw(ui, place)
         context.hovered_id_previous_frame = hovered_before

@@ -294,6 +294,9 @@ def _configure_imgui() -> None:
     io = imgui.get_io()
     io.config_flags |= imgui.ConfigFlags_.docking_enable
     io.config_windows_move_from_title_bar_only = True
+    # A press that comes with the mouse's move, as in long frames, waits for the next frame, as that of a finger does.
+    # Otherwise it would go to what the mouse left: the picture below a button, or the row before.
+    io.add_mouse_source_event(imgui.MouseSource.touch_screen)
 
 
 def _draw_without_padding(name: str, draw: Callable[[], None]) -> None:

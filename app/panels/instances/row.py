@@ -62,7 +62,7 @@ class RowPainter:
         self.is_new = False
         """Whether the name field has not been drawn yet."""
         self._name = ""
-        self._drawn = self._missed_press = False
+        self._drawn = False
 
     def begin(self) -> None:
         """Prepare for the rows of a frame; stop renaming if the row was scrolled away or filtered out."""
@@ -102,7 +102,7 @@ class RowPainter:
             imgui.text_colored(color, text)
         self._draw_switches(ui, row)
         imgui.pop_id()
-        return clicked or (self._missed_press and not imgui.is_any_item_active())
+        return clicked
 
     def _draw_number(self, ui: Ui, row: Row) -> bool:
         """Draw the number, and make the whole row one item to click, point at and open a menu on."""
@@ -112,7 +112,6 @@ class RowPainter:
             imgui.table_set_bg_color(imgui.TableBgTarget_.row_bg1, pack_color(ACCENT, 0.09))
         flags = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_overlap
         clicked = imgui.selectable(str(instance.id), row.selected, flags)[0]
-        self._missed_press = _misses_press()
         ui.mark(f"instances.{instance.id}")
         if imgui.is_item_hovered():
             state.hovered = instance.id if row.summary.drawn else 0
@@ -193,14 +192,6 @@ class RowPainter:
                 imgui.set_tooltip(hint)
         imgui.pop_style_var()
         imgui.pop_style_color()
-
-
-def _misses_press() -> bool:
-    """Whether the last item was pressed in the same frame in which the mouse reached it, as happens in long frames.
-
-    ImGui activates an item that others may overlap only if the mouse was over it in the frame before, too.
-    """
-    return imgui.is_item_hovered() and imgui.is_mouse_clicked(0) and not imgui.is_item_active()
 
 
 _MARKS = {"Shown": "eye", "Locked": "lock", "Solo": "solo"}
