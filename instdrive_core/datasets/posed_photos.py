@@ -115,7 +115,12 @@ def build_photo_clip(
     origin = choose_origin(poses[:, :3, 3])
     poses[:, :3, 3] -= origin
     chosen = [
-        (step, _straighten(replace(photo, camera=replace(photo.camera, world_from_camera=pose)), options))
+        (
+            step,
+            straighten_photo(
+                replace(photo, camera=replace(photo.camera, world_from_camera=pose)), options.fisheye_field
+            ),
+        )
         for (step, photo), pose in zip(chosen, poses, strict=True)
     ]
     scale = options.scale or min(1.0, DEFAULT_WIDTH / chosen[0][1].camera.width)
@@ -209,11 +214,11 @@ def check_field(options: ClipOptions) -> None:
         raise OptionError(f"--fisheye-field is {options.fisheye_field}; give degrees from 10 to {WIDEST:g}")
 
 
-def _straighten(photo: PosedPhoto, options: ClipOptions) -> PosedPhoto:
-    """A fisheye's photo with the pinhole that takes its place; others as they are."""
+def straighten_photo(photo: PosedPhoto, field: float = ClipOptions.fisheye_field) -> PosedPhoto:
+    """Give a fisheye's photo the pinhole of `field` degrees that takes its place; others stay as they are."""
     if not isinstance(photo.distortion, Fisheye):
         return photo
-    camera, distortion = choose_pinhole(photo.camera, photo.distortion, options.fisheye_field)
+    camera, distortion = choose_pinhole(photo.camera, photo.distortion, field)
     return replace(photo, camera=camera, distortion=distortion)
 
 
