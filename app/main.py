@@ -28,6 +28,10 @@ COMMANDS = {
         "instdrive_core.cli.synth:record_synthetic_drive",
         "Write a synthetic driving clip in PandaSet's layout, with exact instance labels.",
     ),
+    "prepare": CliCommand(
+        "instdrive_core.cli.prepare:prepare",
+        "Make a clip of a video or a folder of photos: pictures are chosen and their poses found.",
+    ),
     "masks": CliCommand(
         "instdrive_core.cli.masks:create_masks", "Write instance masks for the training photos of a clip."
     ),

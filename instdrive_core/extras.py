@@ -11,6 +11,7 @@ EXTRAS = {
     "pandas": "train",
     "pyarrow": "datasets",
     "pycocotools": "train",
+    "pycolmap": "capture",
     "skimage": "train",
     "torch": "train",
     "transformers": "sam",
