@@ -76,4 +76,4 @@ def lies_in_shade(
     """Whether most of the `known` ground around a hole is `shaded`, by a house, say: a thing there casts no shadow of
     its own, and ground in the sun must not be copied there. Cells are `size` metres."""
     around = known & grow_cells(hole, size, SHADOW_REACH + SHADE_BAND) & ~grow_cells(hole, size, SHADE_GAP)
-    return bool(around.any()) and np.count_nonzero(shaded & around) > np.count_nonzero(around) / 2
+    return bool(np.count_nonzero(shaded & around) > np.count_nonzero(around) / 2)
