@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from numpy import ndarray
 from PIL import Image, ImageDraw
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, KDTree
 
 from benchmarks.hole_streets import spread_views
 from benchmarks.uncovered import LEAST, Uncovered
@@ -38,6 +38,12 @@ APART = 8.0
 """Metres between phantoms."""
 LEAST_POINTS = 60
 """LiDAR points of ground beneath a phantom that say how high it stands."""
+REACH = 3.0
+"""Metres around its middle that a phantom and its clearance fit into."""
+MOST_TRIES = 5000
+"""Places that are tried."""
+NEAR = 0.3
+"""Metres before a camera: what is nearer is not drawn."""
 STEP = 0.1
 """Metres between the points of a phantom's surface."""
 
@@ -64,9 +70,10 @@ class Phantom:
     def draw(self, camera: Camera) -> Bool[ndarray, "h w"]:
         """The pixels that show it, with a pixel around them."""
         pixels, depths = camera.project(self.list_surface())
-        pixels, inside = pixels[depths > 0.1], Image.new("L", (camera.width, camera.height))
-        if len(pixels) > 3:
-            outline = pixels[ConvexHull(np.clip(pixels, -1e5, 1e5)).vertices]
+        size = np.array([camera.width, camera.height])
+        pixels, inside = np.clip(pixels[depths > NEAR], -size, 2 * size), Image.new("L", (camera.width, camera.height))
+        if len(pixels) > 3 and np.ptp(pixels, axis=0).min() >= 1:
+            outline = pixels[ConvexHull(pixels, qhull_options="QJ").vertices]
             ImageDraw.Draw(inside).polygon([(float(x) - 0.5, float(y) - 0.5) for x, y in outline], fill=1, outline=1)
         return np.asarray(inside, bool)
 
@@ -93,14 +100,17 @@ def place_phantoms(clip: Clip, count: int, rng: np.random.Generator) -> list[Pha
     flat = np.isin(np.concatenate([sweep.classes for sweep in sweeps if sweep.classes is not None]), numbers)
     cameras = [frame.view.camera for frame in clip.frames if frame.view.name == clip.camera_names[0]]
     eyes = np.array([camera.position for camera in cameras])
+    gaps, nearest = KDTree(eyes[:, :2]).query(points[:, :2])
+    close = np.flatnonzero(gaps <= FARTHEST + REACH)
+    around = KDTree(points[close, :2])
+    wanted = np.flatnonzero(flat & (gaps >= NEAREST) & (gaps <= FARTHEST))
     placed: list[Phantom] = []
-    for place in points[flat][rng.permutation(np.count_nonzero(flat))]:
-        gaps = np.linalg.norm(eyes[:, :2] - place[:2], axis=1)
-        if not NEAREST <= gaps.min() <= FARTHEST or any(
-            np.linalg.norm(place[:2] - other.center[:2]) < APART for other in placed
-        ):
+    for row in rng.permutation(wanted)[:MOST_TRIES].tolist():
+        place = points[row]
+        if any(np.linalg.norm(place[:2] - other.center[:2]) < APART for other in placed):
             continue
-        phantom = _stand(place, cameras[int(gaps.argmin())], points, flat)
+        rows = close[around.query_ball_point(place[:2], REACH)]
+        phantom = _stand(place, cameras[int(np.asarray(nearest)[row])], points[rows], flat[rows])
         if phantom is not None:
             placed.append(phantom)
         if len(placed) == count:
