@@ -174,7 +174,7 @@ class FillHole(AppendEdit):
         left = np.setdiff1d(np.arange(len(document.scene)), plan.replaced, assume_unique=True)
         deleted = document.state.find_mask(Flag.DELETED)
         ground = plan.build_splats(document.scene.gaussians)
-        backdrop = plan_backdrop(bake_document(document, rows=left), ground, evidence.looks, rng)
+        backdrop = plan_backdrop(bake_document(document, rows=left), ground, self.plane, evidence.looks, rng)
         return replace(plan, backdrop=backdrop.gaussians, backdrop_like=left[~deleted[left]][backdrop.like])
 
     def _gather_evidence(self, document: Document) -> PhotoEvidence | None:
