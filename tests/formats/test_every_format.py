@@ -63,9 +63,7 @@ def write_ksplat(folder):
 
 SAMPLES = {
     KSPLAT.title: write_ksplat,
-    LCC.title: lambda folder: write_lcc(
-        folder / "street", build_lcc(np.random.default_rng(0), (COUNT - 100, 100))
-    ),
+    LCC.title: lambda folder: write_lcc(folder / "street", build_lcc(np.random.default_rng(0), (COUNT - 100, 100))),
     CHECKPOINT_PTH.title: checkpoint_writer("street.pth", build_captured_content),
     CHECKPOINT_PT.title: checkpoint_writer("street.pt", build_gsplat_content),
     CHECKPOINT_CKPT.title: checkpoint_writer("street.ckpt", build_splatfacto_content),

@@ -166,6 +166,6 @@ def _parse_section(data: bytes, number: int, level: int, start: int, path: Path)
         raise DataError(path, problem, REMEDY)
     middle = middle or DEFAULT_QUANTISATION
     record = LEVELS[level].describe_record(degree)
-    step = 0.5 * width / middle
+    step = 0.5 * width / middle if level else 0.0
     section = Section(count, start, splat_start, record, degree, step, middle, bucket_size, full, partial, stride)
     return section, splat_start + record.itemsize * most

@@ -1,6 +1,7 @@
 """A small .ksplat of every level, written by the layout's description: for tests and fuzzing."""
 
 import struct
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ def _build_section(rng, count, degree, level):
     head = bytearray(SECTION_HEADER_BYTES)
     fields = (count, count + 3, BUCKET_SIZE, buckets, WIDTH, 12, middle, full, len(partial), degree)
     struct.pack_into("<IIIIfHxxI4xIIH", head, 0, *fields)
-    records = np.zeros(count + 3, LEVELS[level].describe_record(degree))
+    records: Any = np.zeros(count + 3, LEVELS[level].describe_record(degree))
     if level:
         records["centre"] = rng.integers(0, 65535, (count + 3, 3))
     else:

@@ -1,4 +1,4 @@
-"""Scenes in a .ksplat: positions in buckets, linear scales, colours and opacities of 8 bits. The axes are the .ply's."""
+"""Scenes in a .ksplat: positions in buckets, linear scales, colours of 8 bits. The axes are the .ply's."""
 
 from __future__ import annotations
 
@@ -43,9 +43,10 @@ def read_ksplat(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
         gaussians = allocate_gaussians(path, header.count, rest, 0, options)
         gaussians.sh_rest[:] = 0
         start = 0
-        for section in sections:
-            _read_section(file, section, header, gaussians, start, options, path)
-            start += section.count
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # not a number in, not a number out
+            for section in sections:
+                _read_section(file, section, header, gaussians, start, options, path)
+                start += section.count
     return scene_from_gaussians(gaussians)
 
 
@@ -85,8 +86,7 @@ def _decode(
     scales = records["scale"].astype(np.float64)
     if (scales < 0).any():
         raise DataError(path, f"the scale of a splat is {scales.min():g}, below 0", REMEDY)
-    with np.errstate(divide="ignore"):  # a flat splat's scale of 0 is -inf as a logarithm, as in a .ply
-        gaussians.log_scales[rows] = np.log(scales)
+    gaussians.log_scales[rows] = np.log(scales)  # a flat splat's scale of 0 is -inf as a logarithm, as in a .ply
     color = records["color"] / 255.0
     gaussians.sh_dc[rows] = dc_from_color(color[:, :3])
     gaussians.opacity_logits[rows] = logit(color[:, 3])
@@ -100,7 +100,7 @@ def _decode(
 
 
 def _sort_harmonics(values: ndarray) -> ndarray:
-    """Sort (n, 9 or 24) coefficients, which lie degree by degree and within it colour by colour, into (n, 3 or 8, 3)."""
+    """Sort (n, 9 or 24) coefficients, by degree and within it by colour, into (n, 3 or 8, 3)."""
     degrees = np.split(values, [9], axis=1) if values.shape[1] > 9 else [values]
     return np.concatenate([part.reshape(len(values), 3, -1).transpose(0, 2, 1) for part in degrees], axis=1)
 

@@ -30,6 +30,7 @@ ENVIRONMENT_RECORD = np.dtype([("splat", RECORD), ("words", "<u4", 15), ("spare"
 """An environment of a scene with SH."""
 _MAX_LEVELS = 64
 _MAX_META_BYTES = 16 << 20
+_FARTHEST, _LARGEST = 1 << 50, 1e9
 
 Range = Float64[ndarray, "2 3"]
 """What the smallest and the largest stored number of each axis or colour stand for."""
@@ -46,6 +47,8 @@ class LccMeta:
     """Splats of the finest level."""
     starts: Int64[ndarray, " squares"]
     """First byte of them in `data.bin`."""
+    end: int
+    """Byte at which the splats of all levels end in `data.bin`."""
 
     def get_range(self, name: str) -> Range:
         """Look up an attribute's range; the environment's own, or else that of all."""
@@ -66,13 +69,13 @@ def read_lcc_meta(path: Path) -> LccMeta:
     for needed in ("scale", *(["shcoef"] if has_harmonics else [])):
         if needed not in ranges:
             raise DataError(path, f"no attribute is called {needed!r}", REMEDY)
-    counts, starts = _read_index(path.parent / INDEX, levels)
+    counts, starts, end = _read_index(path.parent / INDEX, levels)
     promised = require_field(path, content, "splats")
     promised = promised[0] if isinstance(promised, list) and promised else promised
     if promised != int(counts.sum()):
         problem = f"'splats' promises {promised!r} of the finest level, {INDEX} has {int(counts.sum())}"
         raise DataError(path, problem, REMEDY)
-    return LccMeta(has_harmonics, ranges, counts, starts)
+    return LccMeta(has_harmonics, ranges, counts, starts, end)
 
 
 def require_file(path: Path, name: str, needed: int) -> Path:
@@ -127,6 +130,8 @@ def _parse_ranges(path: Path, attributes: Any) -> dict[str, Range]:
         ends = [values * 3 if len(values) == 1 else values for values in ends]
         if any(len(values) != 3 for values in ends):
             raise DataError(path, f"'min' and 'max' of {name!r} are not three numbers each", REMEDY)
+        if max(map(abs, ends[0] + ends[1])) > _LARGEST:
+            raise DataError(path, f"'min' or 'max' of {name!r} is above {_LARGEST:g}", REMEDY)
         if "scale" in name and min(ends[0]) < 0:
             raise DataError(path, f"'min' of {name!r} is {min(ends[0]):g}, below 0", REMEDY)
         ranges[name] = np.array(ends)
@@ -136,8 +141,8 @@ def _parse_ranges(path: Path, attributes: Any) -> dict[str, Range]:
 _ENDS = ("min", "max")
 
 
-def _read_index(file: Path, levels: int) -> tuple[Int64[ndarray, " squares"], Int64[ndarray, " squares"]]:
-    """Read counts and first bytes of the finest level, which comes first."""
+def _read_index(file: Path, levels: int) -> tuple[Int64[ndarray, " squares"], Int64[ndarray, " squares"], int]:
+    """Read counts and first bytes of the finest level, which comes first, and where all levels end."""
     record = np.dtype([("square", "<i2", 2), ("levels", [("count", "<i4"), ("start", "<i8"), ("size", "<i4")], levels)])
     if not file.is_file():
         raise DataError(file, "is missing", REMEDY)
@@ -145,11 +150,13 @@ def _read_index(file: Path, levels: int) -> tuple[Int64[ndarray, " squares"], In
     if not size or size % record.itemsize:
         problem = f"{size} bytes are no whole number of records of {record.itemsize} bytes, for {levels} levels"
         raise DataError(file, problem, REMEDY)
-    finest = np.fromfile(file, record)["levels"][:, 0]
-    counts, starts, sizes = (finest[name].astype(np.int64) for name in ("count", "start", "size"))
-    wrong = (counts < 0) | (starts < 0) | (starts % RECORD.itemsize != 0) | (sizes < counts * RECORD.itemsize)
+    found = np.fromfile(file, record)["levels"]
+    counts, starts, sizes = (found[name].astype(np.int64) for name in ("count", "start", "size"))
+    wrong = (counts < 0) | (starts < 0) | (starts > _FARTHEST) | (starts % RECORD.itemsize != 0)
+    wrong |= sizes < counts * RECORD.itemsize
     if wrong.any():
-        row = int(np.argmax(wrong))
-        problem = f"record {row} has {counts[row]} splats from byte {starts[row]} in {sizes[row]} bytes"
-        raise DataError(file, problem, REMEDY)
-    return counts, starts
+        row, level = np.argwhere(wrong)[0]
+        problem = f"level {level} of record {row} has {counts[row, level]} splats in {sizes[row, level]} bytes"
+        raise DataError(file, f"{problem} from byte {starts[row, level]}", REMEDY)
+    end = int((starts + counts * RECORD.itemsize).max())
+    return counts[:, 0], starts[:, 0], end

@@ -1,6 +1,7 @@
 """A small .lcc scene, written by the layout's description: for tests and fuzzing."""
 
 import json
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def write_lcc(folder, content):
 
 
 def _draw(rng, record, count):
-    rows = np.frombuffer(rng.bytes(count * record.itemsize), record).copy()
+    rows: Any = np.frombuffer(rng.bytes(count * record.itemsize), record).copy()
     splats = rows["splat"] if record is ENVIRONMENT_RECORD else rows
     if "position" in (splats.dtype.names or ()):
         splats["position"] = rng.normal(0, 20, (count, 3))

@@ -1,4 +1,4 @@
-"""Scenes in an .lcc: the finest level of each square of the ground, then the environment. z is up, as the paper says."""
+"""Scenes in an .lcc: the finest level of each square of the ground, then the environment. z is up."""
 
 from __future__ import annotations
 
@@ -44,11 +44,10 @@ def read_lcc(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     path = Path(path)
     meta_path = get_meta_path(path)
     meta = read_lcc_meta(meta_path)
-    last = int((meta.starts + meta.counts * RECORD.itemsize).max(initial=0))
-    data = require_file(meta_path, DATA, last)
+    data = require_file(meta_path, DATA, meta.end)
     harmonics = None
     if meta.has_harmonics:
-        harmonics = require_file(meta_path, HARMONICS, last // RECORD.itemsize * HARMONICS_RECORD.itemsize)
+        harmonics = require_file(meta_path, HARMONICS, meta.end // RECORD.itemsize * HARMONICS_RECORD.itemsize)
     environment = _read_environment(meta_path, meta)
     count = int(meta.counts.sum())
     total = count + len(environment)

@@ -72,6 +72,7 @@ def edit_meta(content, **changes):
         ({"attributes": [{"name": "scale", "min": [0, 0, 0]}]}, r"'scale\.max' is missing"),
         ({"attributes": [{"name": "scale", "min": [0, 0], "max": [1, 1, 1]}]}, "not three numbers"),
         ({"attributes": [{"name": "scale", "min": [-1, 0, 0], "max": [1, 1, 1]}]}, "below 0"),
+        ({"attributes": [{"name": "scale", "min": [0, 0, 0], "max": [1, 1e300, 1]}]}, "above"),
     ],
 )
 def test_a_meta_file_that_lies_is_refused(tmp_path, changes, said):
