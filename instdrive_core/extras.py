@@ -11,6 +11,7 @@ EXTRAS = {
     "pandas": "train",
     "pyarrow": "datasets",
     "pycocotools": "train",
+    "pxr": "usd",
     "pycolmap": "capture",
     "skimage": "train",
     "torch": "train",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int64, UInt32
+from jaxtyping import Int64, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.instances.table import Instance, InstanceTable, build_instance_table
@@ -63,6 +63,17 @@ def list_instance_parts(scene: Scene) -> Iterator[InstancePart]:
         yield InstancePart(slice(int(start), int(stop)), name, instance)
 
 
+@dataclass(frozen=True)
+class JoinedParts:
+    """What a scene is made of."""
+
+    gaussians: Gaussians
+    instance_ids: UInt32[ndarray, " n"]
+    codewords: UInt32[ndarray, " n"]
+    nodes: UInt16[ndarray, " n"]
+    table: InstanceTable
+
+
 @dataclass
 class PartCollector:
     """Gathers parts that are read and makes a scene of them."""
@@ -70,17 +81,20 @@ class PartCollector:
     parts: list[Gaussians] = field(default_factory=list)
     ids: list[UInt32[ndarray, " k"]] = field(default_factory=list)
     codewords: list[UInt32[ndarray, " k"]] = field(default_factory=list)
+    nodes: list[UInt16[ndarray, " k"]] = field(default_factory=list)
     names: dict[int, str] = field(default_factory=dict)
     classes: dict[int, str] = field(default_factory=dict)
 
-    def add(self, gaussians: Gaussians, description: Mapping[str, Any]) -> None:
-        """Add a part and what `InstancePart.describe` said of it; what is not as it should be is passed over."""
+    def add(self, gaussians: Gaussians, description: Mapping[str, Any], node: int = 0) -> None:
+        """Add a part of a node and what `InstancePart.describe` said of it; what is not as it should be is passed
+        over."""
         number = _get_whole(description.get("id"), _MOST_IDS)
         count = len(gaussians)
         self.parts.append(gaussians)
         self.ids.append(np.full(count, number, np.uint32))
         codeword = _get_whole(description.get("codeword"), 1 << 32) if number else 0
         self.codewords.append(np.full(count, codeword, np.uint32))
+        self.nodes.append(np.full(count, node, np.uint16))
         if not number:
             return
         name, class_name = description.get("name"), description.get("class")
@@ -89,15 +103,16 @@ class PartCollector:
         if isinstance(class_name, str) and class_name:
             self.classes[number] = class_name
 
-    def join(self) -> tuple[Gaussians, UInt32[ndarray, " n"], UInt32[ndarray, " n"], InstanceTable]:
-        """Join the parts, at the highest SH degree of any; returns also IDs, codewords and the table."""
+    def join(self) -> JoinedParts:
+        """Join the parts, at the highest SH degree of any."""
         rest = max(part.sh_rest.shape[1] for part in self.parts)
         for part in self.parts:
             part.sh_rest = np.pad(part.sh_rest, ((0, 0), (0, rest - part.sh_rest.shape[1]), (0, 0)))
         gaussians = concatenate_gaussians(self.parts) if len(self.parts) > 1 else self.parts[0]
         ids, codewords = np.concatenate(self.ids), np.concatenate(self.codewords)
-        table = build_instance_table(ids, gaussians.means, codewords, None, self.names, self.classes)
-        return gaussians, ids, codewords, table
+        nodes = np.concatenate(self.nodes)
+        table = build_instance_table(ids, gaussians.means, codewords, nodes, self.names, self.classes)
+        return JoinedParts(gaussians, ids, codewords, nodes, table)
 
 
 def _get_whole(value: Any, limit: int) -> int:

@@ -82,6 +82,8 @@ class Format:
     format says nothing."""
     folder: FolderLayout | None = None
     """None for formats of single files."""
+    keeps_tracks: bool = False
+    """Whether what moves keeps its track; other formats hold one moment."""
     in_world_of_photos: bool = False
     """Whether other trainers write it, in the world of the files that they read the cameras from; scenes of this
     program are in the world of its clips, which is upright and in metres."""

@@ -63,14 +63,14 @@ def read_gltf(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
         collector.add(part, node["extras"] if isinstance(node.get("extras"), dict) else {})
         start += count
         report(start / sum(counts))
-    gaussians, ids, codewords, table = collector.join()
+    joined = collector.join()
     about = _find_scene_extras(gltf)
     return Scene(
-        gaussians,
-        ids,
-        codewords,
-        np.zeros(len(gaussians), np.uint16),
-        table,
+        joined.gaussians,
+        joined.instance_ids,
+        joined.codewords,
+        joined.nodes,
+        joined.table,
         origin=_parse_origin(gltf, about.get("origin", [0, 0, 0])),
         code_bits=_parse_code_bits(about.get("code_bits")),
         antialiased=about.get("antialiased") is True,
