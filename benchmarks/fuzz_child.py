@@ -126,6 +126,7 @@ def serve(requests: Connection, seen: Iterable[Line], readers: Mapping[str, Call
     resource.setrlimit(resource.RLIMIT_FSIZE, (64 << 20, 64 << 20))
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
+    _load_usd()
     tracer, outside = LineTracer(seen), OpenedOutside()
     while True:
         try:
@@ -136,6 +137,17 @@ def serve(requests: Connection, seen: Iterable[Line], readers: Mapping[str, Call
         outside.watch(folder, kind)
         outcome = _watch(readers[kind], Path(folder) / entry, size, tracer)
         requests.send(replace(outcome, result="crash", detail=f"opened {outside.found}") if outside.found else outcome)
+
+
+def _load_usd() -> None:
+    """Load OpenUSD with its plugins and threads: they take more memory than any file may."""
+    from pxr import Sdf, Usd, UsdGeom
+
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.Xform.Define(stage, "/scene")
+    for ending in ("usda", "usdc"):
+        Sdf.Layer.CreateAnonymous(f".{ending}").TransferContent(stage.GetRootLayer())
+    UsdGeom.XformCache().GetLocalToWorldTransform(stage.GetPrimAtPath("/scene"))
 
 
 def _watch(reader: Callable[[Path], Read], path: Path, size: int, tracer: LineTracer) -> Outcome:

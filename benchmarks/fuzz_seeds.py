@@ -119,6 +119,9 @@ def _list_scene_seeds(folder: Path) -> Iterator[Seed]:
         yield written("spz", f"v{version}.spz", lambda path, version=version: write_spz(path, still, version))
     for name in ("scene.glb", "scene.gltf"):
         yield written("gltf", name, lambda path: save_scene(path, still))
+    moving = replace(drive, views=(), sky=None, exposures=None)
+    for name in ("scene.usda", "scene.usdc", "scene.usdz"):
+        yield written("usd", name, lambda path: save_scene(path, moving))
     rng = np.random.default_rng(4)
     for level in (0, 1, 2):
         name = f"level{level}.ksplat"

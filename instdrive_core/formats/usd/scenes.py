@@ -1,13 +1,13 @@
 """Reading splats of USD stages: prims of OpenUSD's ParticleField3DGaussianSplat, one part of the scene for each.
 
 By the schema, scales are standard deviations, opacities lie in [0, 1], and SH coefficients lie splat by splat in the
-order and with the signs of a .ply. Arrays that are longer than the positions are cut, shorter ones are passed over. What
-moves over time becomes a track; prims of other programs become an instance each where there are several.
+order and with the signs of a .ply. Arrays that are longer than the positions are cut, shorter ones are passed over.
+What moves over time becomes a track; prims of other programs become an instance each where there are several.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from instdrive_core.formats.allocation import WHOLE, ReadOptions, check_memory, 
 from instdrive_core.formats.instance_parts import PartCollector
 from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.usd.placing import Motion, Placing, place_prim
-from instdrive_core.formats.usd.stage import OWN_DATA, REMEDY, SPLATS, describe_usd_error, load_usd, open_stage
+from instdrive_core.formats.usd.stage import OWN_DATA, REMEDY, SPLATS, load_usd, open_stage, refuse_usd_errors
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.progress import report
@@ -52,16 +52,17 @@ class _Found:
 def read_usd(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open the splats of a .usd, .usda, .usdc or .usdz.
 
-    Raises DataError where anything about them is wrong, or there are none; UntrustedDataError where the stage needs files
-    outside of its folder; MissingExtraError where OpenUSD is not installed.
+    Raises DataError where anything about them is wrong, or there are none; UntrustedDataError where the stage needs
+    files outside of its folder; MissingExtraError where OpenUSD is not installed.
     """
     path = Path(path)
-    tf, size = load_usd("Tf"), path.stat().st_size
-    with open_stage(path) as stage:
-        try:
-            return _read_stage(stage, path, size, options)
-        except tf.ErrorException as error:
-            raise DataError(path, f"its values cannot be read ({describe_usd_error(error)})", REMEDY) from error
+    size = path.stat().st_size
+    with (
+        open_stage(path) as stage,
+        refuse_usd_errors(path, "its values cannot be read", REMEDY),
+        np.errstate(invalid="ignore", over="ignore"),  # not a number in, not a number out
+    ):
+        return _read_stage(stage, path, size, options)
 
 
 def _read_stage(stage: Any, path: Path, size: int, options: ReadOptions) -> Scene:
@@ -86,8 +87,7 @@ def _read_stage(stage: Any, path: Path, size: int, options: ReadOptions) -> Scen
         kept = slice(-start % options.keep_every, None, options.keep_every)
         part = _read_splats(each, kept, path, left_out)
         if not np.array_equal(each.placing.pose, np.eye(4)[:3]):
-            with np.errstate(invalid="ignore", over="ignore"):
-                transform_gaussians(part, each.placing.pose)
+            transform_gaussians(part, each.placing.pose)
         collector.add(part, names.describe(each), find_node(each))
         start += each.count
         report(start / total)
@@ -185,10 +185,11 @@ def _read_array(prim: Any, name: str, width: int, path: Path) -> ndarray:
     usd = load_usd("Usd")
     for each in (name, f"{name}h"):
         value = prim.GetAttribute(each).Get(usd.TimeCode.EarliestTime()) if prim.HasAttribute(each) else None
-        if value is not None and len(value):
+        if isinstance(value, Sized) and len(value):
             values = np.array(value)
             if values.ndim > 2 or values.size != len(values) * width or values.dtype.kind != "f":
                 raise DataError(path, f"'{each}' of {prim.GetPath()} is not of {width} floats each", REMEDY)
+            values = values + np.float16(0)  # what signals that it is no number is quiet from here on
             return values.reshape(len(values), width)
     return np.zeros((0, width), np.float32)
 

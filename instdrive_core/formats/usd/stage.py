@@ -7,6 +7,10 @@ from __future__ import annotations
 
 import os
 import shutil
+import struct
+import subprocess
+import sys
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -24,6 +28,21 @@ OWN_DATA = "instdrive"
 """Key of this program's entries in a prim's custom data."""
 _ENDINGS = {b"PXR-USDC": ".usdc", b"#usda": ".usda", b"PK\x03\x04": ".usdz"}
 _MOST_LAYERS = 1000
+_PATIENCE, _BYTES_PER_SECOND = 15.0, 20e6
+_SILENT: Any = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+_READ_ALL = """
+import sys
+from pxr import Sdf, Usd
+layer = Sdf.Layer.FindOrOpen(sys.argv[1])
+def read(path):
+    spec = layer.GetObjectAtPath(path)
+    for key in spec.ListInfoKeys() if spec else ():
+        spec.GetInfo(key)
+    for code in layer.ListTimeSamplesForPath(path):
+        layer.QueryTimeSample(path, code)
+layer.Traverse("/", read)
+"""
+"""What a process of its own runs. An error that Python sees is none here: the reader says what it is."""
 
 
 def load_usd(module: str) -> Any:
@@ -40,26 +59,43 @@ def open_stage(path: Path) -> Iterator[Any]:
 
     Raises DataError where it is none, UntrustedDataError where it needs files outside of its folder.
     """
-    sdf, tf, usd = load_usd("Sdf"), load_usd("Tf"), load_usd("Usd")
+    sdf, usd = load_usd("Sdf"), load_usd("Usd")
     ending = _find_ending(path)
+    if ending == ".usdz":
+        _check_package(path)
     with TemporaryDirectory() as name:
         named = path
         if path.suffix.lower() not in (ending, ".usd") or ending == ".usdz" != path.suffix.lower():
             named = _link(path, Path(name) / f"scene{ending}")
-        try:
+        if ending != ".usda":
+            _try_reading(path, named)
+        with refuse_usd_errors(path, "is no readable USD file", REMEDY):
             layer = sdf.Layer.FindOrOpen(str(named))
             if layer is None:
                 raise DataError(path, "is no readable USD file", REMEDY)
             _check_dependencies(layer, path, named)
             stage = usd.Stage.Open(layer)
-        except tf.ErrorException as error:
-            raise DataError(path, f"is no readable USD file ({describe_usd_error(error)})", REMEDY) from error
         yield stage
 
 
-def describe_usd_error(error: Exception) -> str:
-    """Describe an error of the library: what it says, without where in its own source."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+@contextmanager
+def refuse_usd_errors(path: Path, problem: str, remedy: str) -> Iterator[None]:
+    """Raise DataError for errors of the library, whose own texts may be none that can be shown."""
+    tf = load_usd("Tf")
+    try:
+        yield
+    except tf.ErrorException as error:
+        error.args = (_describe_error(error),)  # what it quotes of the file may be no text, which no log could print
+        raise DataError(path, f"{problem} ({error.args[0]})", remedy) from error
+
+
+def _describe_error(error: Exception) -> str:
+    """Describe what an error says, without where in the library's source it arose."""
+    try:
+        text = str(error)
+    except UnicodeDecodeError:  # it quotes the file
+        return "its text is not UTF-8"
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     return (lines[0].rpartition(" : ")[2] if lines else type(error).__name__).strip("'")[:200]
 
 
@@ -71,6 +107,31 @@ def _find_ending(path: Path) -> str:
             return ending
     problem = f"the file begins with {beginning!r}, not as a USD file does"
     raise DataError(path, problem, "Check that it is a .usd, .usda, .usdc or .usdz file")
+
+
+def _try_reading(path: Path, named: Path) -> None:
+    """Read a binary file in a process of its own first: some damage ends the process that the library runs in."""
+    seconds = _PATIENCE + path.stat().st_size / _BYTES_PER_SECOND
+    command = [sys.executable, "-c", _READ_ALL, str(named.resolve() if named is path else named)]
+    try:
+        ended = subprocess.run(command, timeout=seconds, check=False, **_SILENT).returncode
+    except subprocess.TimeoutExpired:
+        ended = -1
+    if ended < 0:
+        raise DataError(path, "is damaged: OpenUSD breaks off while it reads it", REMEDY)
+
+
+def _check_package(path: Path) -> None:
+    """Check what the library does not: checksums, and that nothing in it is compressed, as the format demands."""
+    try:
+        with zipfile.ZipFile(path) as package:
+            packed = [info.filename for info in package.infolist() if info.compress_type != zipfile.ZIP_STORED]
+            damaged = None if packed else package.testzip()
+    except (zipfile.BadZipFile, EOFError, OSError, ValueError, RuntimeError, struct.error) as error:
+        raise DataError(path, f"is no readable package ({error})", REMEDY) from error
+    if packed or damaged:
+        problem = f"{packed[0][:200]!r} in it is compressed" if packed else f"{damaged!r} in it is damaged"
+        raise DataError(path, problem, REMEDY)
 
 
 def _link(path: Path, named: Path) -> Path:
@@ -94,7 +155,7 @@ def _check_dependencies(root: Any, path: Path, named: Path) -> None:
             if target in seen:
                 continue
             seen.add(target)
-            within = target.startswith(f"{named}[") or target.startswith(f"{root.identifier}[")
+            within = target.startswith((f"{named}[", f"{root.identifier}["))
             if not within and not _lies_below(target, folder):
                 problem = f"it needs {name[:200]!r}, which lies outside of its folder"
                 raise UntrustedDataError(path, problem, "Put all files of the scene into one folder")
@@ -116,7 +177,8 @@ def _refuse_clips(layer: Any, path: Path) -> None:
     found: list[str] = []
 
     def look(place: Any) -> None:
-        if place.IsPrimPath() and layer.GetPrimAtPath(place).HasInfo("clips"):
+        prim = layer.GetPrimAtPath(place) if place.IsPrimPath() else None
+        if prim and prim.HasInfo("clips"):
             found.append(str(place))
 
     layer.Traverse("/", look)

@@ -17,7 +17,7 @@ from instdrive_core.files.atomic import open_atomically
 from instdrive_core.formats.export_checks import check_numbers
 from instdrive_core.formats.instance_parts import BACKGROUND
 from instdrive_core.formats.usd.scenes import COEFFICIENTS, DEGREE
-from instdrive_core.formats.usd.stage import OWN_DATA, SPLATS, describe_usd_error, load_usd
+from instdrive_core.formats.usd.stage import OWN_DATA, SPLATS, load_usd, refuse_usd_errors
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import normalize_quaternions, quaternion_from_matrix
@@ -42,24 +42,19 @@ def write_usd(path: str | Path, scene: Scene) -> None:
     Raises DataError where the scene has no splats or values that are no numbers; MissingExtraError where OpenUSD is not
     installed.
     """
-    path, tf = Path(path), load_usd("Tf")
+    path = Path(path)
     if not len(scene):
         raise DataError(path, "the scene has no splats", "Save as .ply instead")
     _check(path, scene.gaussians)
     ending = path.suffix.lower()
-    try:
-        stage = _build_stage(scene)
-        with TemporaryDirectory() as name:
-            file = Path(name) / ("scene.usda" if ending == ".usda" else "scene.usdc")
-            stage.GetRootLayer().Export(str(file))
-            if ending == ".usdz":
-                file = _pack(file)
-            with open_atomically(path) as out, file.open("rb") as content:
-                shutil.copyfileobj(content, out, 1 << 20)
-    except tf.ErrorException as error:
-        raise DataError(
-            path, f"OpenUSD cannot write it ({describe_usd_error(error)})", "Choose another place"
-        ) from error
+    with TemporaryDirectory() as name, refuse_usd_errors(path, "OpenUSD cannot write it", "Free some space"):
+        file = Path(name) / ("scene.usda" if ending == ".usda" else "scene.usdc")
+        stage = _build_stage(scene)  # its layer lives as long as the stage
+        stage.GetRootLayer().Export(str(file))
+        if ending == ".usdz":
+            file = _pack(file)
+        with open_atomically(path) as out, file.open("rb") as content:
+            shutil.copyfileobj(content, out, 1 << 20)
 
 
 def order_by_prim(scene: Scene) -> Int64[ndarray, " n"]:
