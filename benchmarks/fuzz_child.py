@@ -21,6 +21,7 @@ from typing import Any
 from benchmarks.fuzz_pickles import MARKER
 from benchmarks.fuzz_readers import READERS, Read
 from instdrive_core.errors import InstDriveError
+from instdrive_core.formats.usd.stage import load_usd
 
 ALLOWANCE = 200 << 20
 """Bytes that reading any file may take."""
@@ -141,13 +142,12 @@ def serve(requests: Connection, seen: Iterable[Line], readers: Mapping[str, Call
 
 def _load_usd() -> None:
     """Load OpenUSD with its plugins and threads: they take more memory than any file may."""
-    from pxr import Sdf, Usd, UsdGeom
-
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.Xform.Define(stage, "/scene")
+    sdf, usd, geom = load_usd("Sdf"), load_usd("Usd"), load_usd("UsdGeom")
+    stage = usd.Stage.CreateInMemory()
+    geom.Xform.Define(stage, "/scene")
     for ending in ("usda", "usdc"):
-        Sdf.Layer.CreateAnonymous(f".{ending}").TransferContent(stage.GetRootLayer())
-    UsdGeom.XformCache().GetLocalToWorldTransform(stage.GetPrimAtPath("/scene"))
+        sdf.Layer.CreateAnonymous(f".{ending}").TransferContent(stage.GetRootLayer())
+    geom.XformCache().GetLocalToWorldTransform(stage.GetPrimAtPath("/scene"))
 
 
 def _watch(reader: Callable[[Path], Read], path: Path, size: int, tracer: LineTracer) -> Outcome:
