@@ -102,7 +102,8 @@ def _decode(
 def _sort_harmonics(values: ndarray) -> ndarray:
     """Sort (n, 9 or 24) coefficients, by degree and within it by colour, into (n, 3 or 8, 3)."""
     degrees = np.split(values, [9], axis=1) if values.shape[1] > 9 else [values]
-    return np.concatenate([part.reshape(len(values), 3, part.shape[1] // 3).transpose(0, 2, 1) for part in degrees], axis=1)
+    by_color = [part.reshape(len(values), 3, part.shape[1] // 3) for part in degrees]
+    return np.concatenate([part.transpose(0, 2, 1) for part in by_color], axis=1)
 
 
 KSPLAT = Format("mkkellogg's viewer", ".ksplat", read_ksplat)

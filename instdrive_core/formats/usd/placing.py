@@ -26,7 +26,7 @@ class Motion:
     """How something moves that carries splats."""
 
     path: str
-    """Of the prim that moves."""
+    """Where the prim that moves stands in the stage."""
     times: Float64[ndarray, " t"]
     """Seconds, rising."""
     poses: Float64[ndarray, "t 4 4"]
