@@ -41,7 +41,7 @@ class JobDesk:
         """Change fields of the state and write it where that is due, or `now`."""
         if status is not None:
             values["status"] = status
-        self.state = replace(self.state, **values)  # type: ignore[arg-type]
+        self.state = replace(self.state, **values)
         if now or time.monotonic() - self._written >= WRITE_SECONDS:
             write_job_state(self.run, self.state)
             self._written = time.monotonic()

@@ -19,7 +19,7 @@ from instdrive_core.training.warm_up import compile_kernels
 
 MOST_STEPS, LEAST_STEPS = 30_000, 200
 TRAINED_SHARE = 0.75
-"""Share of the time left that trains colour and shape; instances, the scene's files and the evaluation have the rest."""
+"""Share of the time left that trains colour and shape; instances, writing and the evaluation have the rest."""
 LEAST_SHARE = 0.3
 """Share of all minutes that training gets even where the stages before took longer than thought."""
 GROWTH = 1.25

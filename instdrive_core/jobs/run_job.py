@@ -52,7 +52,9 @@ def _open_state(run: Path, request: JobRequest) -> JobState:
     if has_job(run):
         state = read_job_state(run)
         if state.request.source != request.source:
-            raise OptionError(f"{run}: is a job of {state.request.source}, not of {request.source}. Choose another --out.")
+            raise OptionError(
+                f"{run}: is a job of {state.request.source}, not of {request.source}. Choose another --out."
+            )
         return state
     if run.is_dir() and any(entry.name != FOLDER for entry in run.iterdir()):
         raise OptionError(f"{run} is not empty and no job that `make` began. Choose another --out.")

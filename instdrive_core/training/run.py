@@ -108,7 +108,7 @@ def run_training(
 
     `opened` is the clip of the request, or the part of it that is to be trained; None = it is opened here.
 
-    Where `on_event` raises CancelledError, a checkpoint of that moment is written first, so that `resume` goes on there.
+    Where `on_event` raises CancelledError, a checkpoint is written first, so that `resume` goes on at that step.
     Time spent in `on_event` does not count as training.
 
     Raises OptionError where the folder already holds a run and `resume` is off, DataError for clips that cannot
