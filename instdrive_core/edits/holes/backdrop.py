@@ -16,7 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import KDTree
 
-from instdrive_core.edits.holes.ground_in_photo import project_ground
+from instdrive_core.edits.holes.ground_in_photo import GroundInPhoto, project_ground
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
 from instdrive_core.edits.holes.photo_evidence import MIN_COVER, Look
 from instdrive_core.edits.holes.seams import blend_copies
@@ -43,6 +43,9 @@ SKY_ALPHA = 0.5
 """Pixels that splats cover less show the sky: where they are copied, nothing stands."""
 SOLID_ALPHA = 0.7
 """Pixels that are covered more have a depth to go by."""
+BESIDE_SHARE = 0.5
+"""A wall along the line of sight begins before what stood in front of it: it may be nearer by this factor where nothing
+farther stands around."""
 GAP_RIM = 1
 """Coarse pixels around a gap that are closed, too."""
 PIECE_REACH = 10
@@ -99,14 +102,18 @@ def _close_look(
     if np.count_nonzero(open_) < MIN_GAP:
         return None
     gap = np.asarray(ndimage.binary_dilation(open_, iterations=GAP_RIM), bool)
-    before = (cover >= SKY_ALPHA) & (distance < look.nearest)
-    gap &= ~before
-    # Neither what stands in front nor another car is continued.
-    foreign = np.asarray(ndimage.binary_dilation(before | (_shrink(foreign) > FOREIGN_SHARE)), bool)
     close: Bool[ndarray, "a b"] = np.asarray(ndimage.binary_dilation(silhouette, iterations=PIECE_REACH), bool)
-    known = ~gap & ~foreign & close
-    anchored = known & (cover >= SOLID_ALPHA) & (distance > look.nearest)
-    found = _split_surfaces(camera, plane, distance, anchored, gap)
+    ground = project_ground(camera.scale(1 / FACTOR), plane)
+    level, cars = ground.find_level_pixels(distance), _shrink(foreign) > FOREIGN_SHARE
+    for nearest in (look.nearest, BESIDE_SHARE * look.nearest):
+        before = (cover >= SKY_ALPHA) & (distance < nearest)
+        # Neither what stands in front nor another car is continued.
+        known = ~gap & ~np.asarray(ndimage.binary_dilation((before & ~gap) | cars), bool) & close
+        anchored = known & (cover >= SOLID_ALPHA) & (distance > nearest)
+        if (anchored & ~level).any():
+            break
+    gap &= ~before
+    found = _split_surfaces(ground, distance, anchored, level, gap)
     added = [
         _copy_surface(fills[0], camera, color, alpha, _Surface(part, known & near, inverse, cover), rng)
         for part, near, inverse in found
@@ -117,10 +124,10 @@ def _close_look(
 
 
 def _split_surfaces(
-    camera: Camera,
-    plane: Plane,
+    ground: GroundInPhoto,
     distance: Float64[ndarray, "a b"],
     anchored: Bool[ndarray, "a b"],
+    level: Bool[ndarray, "a b"],
     gap: Bool[ndarray, "a b"],
 ) -> list[tuple[Bool[ndarray, "a b"], Bool[ndarray, "a b"], Float64[ndarray, "a b"]]]:
     """What stands behind and the ground before it: the part of the gap, where pieces are taken, inverse depths.
@@ -128,8 +135,6 @@ def _split_surfaces(
     What stands is continued from what stands. Ground goes on where it is nearer than that.
     """
     everywhere, inverse = np.ones_like(gap), 1 / np.maximum(distance, 1e-3)
-    ground = project_ground(camera.scale(1 / FACTOR), plane)
-    level = ground.find_level_pixels(distance)
     if not (anchored & ~level).any():
         return [(gap, everywhere, continue_smoothly(inverse, anchored, gap))]
     behind = continue_smoothly(inverse, anchored & ~level, gap)
