@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, ERROR, GOOD, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_text, get_icon, scale_pixels
-from instdrive_app.session.runs.job_controller import REPORT, JobController
+from instdrive_app.session.making.job_controller import REPORT, JobController
 from instdrive_core.datasets.photos import load_photo, read_photo_size
 from instdrive_core.errors import DataError
 from instdrive_core.jobs.job_file import PICTURE, JobStage, JobState, describe_seconds, locate_job_file
