@@ -72,7 +72,7 @@ class JobState:
     doing: str = ""
     """Words on what is done right now."""
     seconds_left: float | None = None
-    """Of the stage that runs; None while that cannot be told."""
+    """What the running stage still needs; None while that cannot be told."""
     iterations: int | None = None
     """Training steps that were chosen; None before that."""
     curve: tuple[CurvePoint, ...] = ()

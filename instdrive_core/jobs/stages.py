@@ -159,7 +159,13 @@ def _evaluate(desk: JobDesk) -> None:
     def show(stage: str, done: int, total: int) -> None:
         desk.advance(stage, done / total if total else None)
 
-    evaluation = evaluate_run(desk.run, show)
+    try:
+        evaluation = evaluate_run(desk.run, show)
+    except CancelledError:
+        raise
+    except InstDriveError as error:
+        desk.note(f"The scene is there but was not measured: {error}")
+        return
     desk.advance("writing the report")
     write_report(desk.run / REPORT, desk.run, evaluation)
     write_figures(desk.run / EVALUATED, evaluation.figures)

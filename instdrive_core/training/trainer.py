@@ -55,7 +55,7 @@ from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
 PICTURE_EVERY = 50
-"""Steps between two pictures of what is drawn."""
+"""Steps between two pictures of what is drawn; the first step has one."""
 _READ_AHEAD = 6
 """Steps whose photos are read while others train."""
 
@@ -130,7 +130,7 @@ class Trainer:
                     self.seconds,
                     terms,
                 )
-            if self.stage == "rgb" and self.iteration % PICTURE_EVERY == 0 and self._drawn is not None:
+            if self.stage == "rgb" and (self.iteration - 1) % PICTURE_EVERY == 0 and self._drawn is not None:
                 yield self._show_drawn(*self._drawn)
             if self.iteration % self.config.checkpoint_every == 0 or self.iteration == total:
                 self.check_parameters()
