@@ -9,8 +9,8 @@ from instdrive_app.action import Action, MenuItem
 from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.files.sample import find_sample_scene, has_sample_scene
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import AskExport, AskNewScene, AskPath, ShowPanel
 from instdrive_app.session.making.job_controller import REPORT
+from instdrive_app.session.requests import AskExport, AskNewScene, AskPath, ShowPanel
 
 
 def list_actions(session: EditorSession) -> list[Action]:

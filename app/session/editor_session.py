@@ -21,12 +21,12 @@ from instdrive_app.session.files.opening import OpenedDocument
 from instdrive_app.session.history_controller import HistoryController
 from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
+from instdrive_app.session.making.job_controller import JobController
+from instdrive_app.session.making.run_comparison import RunComparison
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.navigation import Navigation
 from instdrive_app.session.reference_pictures import ReferencePictures
 from instdrive_app.session.requests import OfferCleanup, RequestQueue, do_nothing
-from instdrive_app.session.making.job_controller import JobController
-from instdrive_app.session.making.run_comparison import RunComparison
 from instdrive_app.session.selection_controller import SelectionController
 from instdrive_app.session.turn_controller import TurnController
 from instdrive_app.session.value_filter import ValueFilter

@@ -6,8 +6,8 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
-from instdrive_app.session.requests import AskLeaveJob, OfferJob, ShowPanel
 from instdrive_app.session.making.job_controller import PANEL
+from instdrive_app.session.requests import AskLeaveJob, OfferJob, ShowPanel
 
 LEAVE_TITLE, OFFER_TITLE = "Training is running", "Unfinished training"
 

@@ -13,8 +13,8 @@ from instdrive_app.files.folder_listing import list_folder
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.theme import ERROR, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon
-from instdrive_app.session.requests import AskNewScene
 from instdrive_app.session.making.job_controller import SourceLook, find_out_problem
+from instdrive_app.session.requests import AskNewScene
 
 TITLE = "New from photos, video or a drive"
 VIDEO_ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")

@@ -15,8 +15,8 @@ from typing import Any
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_app.session.files.recents import RecentFiles
-from instdrive_app.session.requests import AskLeaveJob, OfferJob, ShowPanel
 from instdrive_app.session.making.child import CommandFailedError, clean_complaint, run_command, start_command
+from instdrive_app.session.requests import AskLeaveJob, OfferJob, ShowPanel
 from instdrive_core.errors import DataError
 from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.jobs.job_file import (
