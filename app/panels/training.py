@@ -186,7 +186,8 @@ def _draw_wrapped(text: str, error: bool = False) -> None:
 def _read_picture(file: Path) -> UInt8[ndarray, "h w 4"] | None:
     """The live picture in RGBA; None where it cannot be read just now."""
     try:
-        pixels = load_photo(file, *read_photo_size(file))
+        size = read_photo_size(file)
+        pixels = load_photo(file, size, size)
     except DataError:
         return None
     return np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])

@@ -65,6 +65,8 @@ class JobController:
         """Folder of the job that is shown; None where there was none yet."""
         self.state: JobState | None = None
         """State of that job; None until its process has written one."""
+        self.figures: dict[str, Any] = {}
+        """Figures of the evaluation of the job's run; empty before that."""
         self.look: SourceLook | None = None
         """What is known of the source chosen last."""
 
@@ -77,11 +79,6 @@ class JobController:
     def is_interrupted(self) -> bool:
         """Whether the job can go on and no process works on it."""
         return self.state is not None and self.state.status in UNFINISHED and not self._is_alive
-
-    @property
-    def figures(self) -> dict[str, Any]:
-        """Figures of the evaluation of the job's run; empty before that."""
-        return {} if self.run is None else read_figures(self.run)
 
     def look_at(self, source: Path) -> None:
         """Find out in the background what a source is; `look` tells."""
@@ -124,7 +121,7 @@ class JobController:
 
     def follow(self, run: Path) -> None:
         """Show a job that was begun before, whether or not it runs."""
-        self.run, self.state, self._process = run, None, None
+        self.run, self.state, self._process, self._is_alive = run, None, None, False
         self._update()
 
     def forget(self) -> None:
@@ -132,13 +129,16 @@ class JobController:
         self.run, self.state, self._process, self._is_alive = None, None, None, False
 
     def offer_unfinished(self) -> None:
-        """Show the newest job that an earlier editor began and that is not done; ask about one that no process runs."""
+        """Show the newest job that an earlier editor began and that is not done; ask about one that was interrupted."""
         for run in self.known.paths:
             state = _read_state(run)
             if state is None or state.status == "done":
                 continue
             self.follow(run)
-            self._context.requests.put(ShowPanel(PANEL) if self._is_alive else OfferJob(run))
+            if self._is_alive:
+                self._context.requests.put(ShowPanel(PANEL))
+            elif state.status in ("running", "paused"):  # not stopped by the user: its process was killed
+                self._context.requests.put(OfferJob(run))
             return
 
     def leave(self, then: Callable[[], None]) -> None:
@@ -194,6 +194,8 @@ class JobController:
         ended = self._process is None or self._process.poll() is not None
         self._is_alive = not ended or is_job_running(self.run)
         self.state = _read_state(self.run)
+        is_done = self.state is not None and self.state.status == "done"
+        self.figures = (self.figures or read_figures(self.run)) if is_done else {}
         if was_alive and not self._is_alive:
             self._tell_end(self.run)
 
