@@ -61,7 +61,7 @@ class TrainingPanel:
         if state.status == "done":
             _draw_figures(making)
         self._draw_picture(ui, making.run, state)
-        _draw_curves(state)
+        _draw_curves(ui, state)
         for note in state.notes:
             _draw_wrapped(note)
 
@@ -124,7 +124,7 @@ def _draw_stage(state: JobState, stage: JobStage) -> None:
     icons = {"done": ("ICON_FA_CHECK", GOOD), "running": ("ICON_FA_PLAY", ACCENT), "waiting": ("ICON_FA_MINUS", DIM)}
     icon, color = icons[stage.status]
     imgui.text_colored(rgba(color), get_icon(icon))
-    imgui.same_line(1.6 * imgui.get_font_size())
+    imgui.same_line(2.2 * imgui.get_font_size())
     imgui.text(stage.title)
     if stage.status == "done":
         imgui.same_line()
@@ -142,10 +142,12 @@ def _draw_figures(making: JobController) -> None:
     figures = making.figures
     known = [(key, title, form) for key, title, form in SHOWN_FIGURES if isinstance(figures.get(key), (int, float))]
     if known:
-        imgui.text("   ".join(f"{title} {form.format(figures[key])}" for key, title, form in known))
+        imgui.push_text_wrap_pos(0)
+        imgui.text(",  ".join(f"{title} {form.format(figures[key])}" for key, title, form in known))
+        imgui.pop_text_wrap_pos()
 
 
-def _draw_curves(state: JobState) -> None:
+def _draw_curves(ui: Ui, state: JobState) -> None:
     """PSNR and loss of the training's present stage."""
     if len(state.curve) < 2:
         return
@@ -156,17 +158,18 @@ def _draw_curves(state: JobState) -> None:
     steps = np.array([point.iteration for point in points], np.float64)
     psnr = [point.psnr for point in points if point.psnr is not None]
     if len(psnr) == len(points):
-        _draw_plot("PSNR (dB)", steps, smooth_curve(np.array(psnr, np.float64)))
-    _draw_plot("Loss", steps, smooth_curve(np.array([point.loss for point in points], np.float64)))
+        _draw_plot(ui, "PSNR (dB)", steps, smooth_curve(np.array(psnr, np.float64)))
+    _draw_plot(ui, "Loss", steps, smooth_curve(np.array([point.loss for point in points], np.float64)))
 
 
-def _draw_plot(title: str, steps: Float64[ndarray, " n"], values: Float64[ndarray, " n"]) -> None:
+def _draw_plot(ui: Ui, title: str, steps: Float64[ndarray, " n"], values: Float64[ndarray, " n"]) -> None:
     flags = implot.Flags_.no_legend | implot.Flags_.no_inputs | implot.Flags_.no_menus
     if implot.begin_plot(f"{title}##curve", ImVec2(-1, scale_pixels(PLOT_HEIGHT)), flags):
         fit = implot.AxisFlags_.auto_fit
         implot.setup_axes("", "", fit, fit)
         implot.plot_line(title, steps, values)
         implot.end_plot()
+        ui.mark(f"training.curve.{title}")
 
 
 def smooth_curve(values: Float64[ndarray, " n"]) -> Float64[ndarray, " n"]:

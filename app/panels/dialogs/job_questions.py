@@ -37,7 +37,11 @@ class LeaveJobDialog:
             making.ask("stop")
             request.then()
 
-        answers = {"Cancel": lambda: None, "Stop it": stop, "Go on in the background": request.then}
+        def go_on() -> None:
+            making.ask("run")
+            request.then()
+
+        answers = {"Cancel": lambda: None, "Stop it": stop, "Go on in the background": go_on}
         draw_question(ui, LEAVE_TITLE, text, answers)
 
 

@@ -116,7 +116,7 @@ class NewSceneDialog:
             if look is not None and look.title:
                 imgui.text(look.title)
                 ui.mark("new.found")
-            for label, text in look.facts if look is not None else ():
+            for label, text in _order_facts(look.facts) if look is not None else ():
                 draw_dim_text(label.strip())
                 imgui.same_line(9 * imgui.get_font_size())
                 imgui.text(text)
@@ -161,6 +161,11 @@ class NewSceneDialog:
         if not self._out.strip() or not is_displayable(out):
             return "Enter the folder of the new scene"
         return find_out_problem(out, source)
+
+
+def _order_facts(facts: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
+    """What the whole source has first, masks at the top; each camera, whose label is indented, after that."""
+    return sorted(facts, key=lambda fact: (fact[0].startswith(" "), fact[0] != "masks"))
 
 
 def _propose_folder(source: Path) -> Path:

@@ -129,17 +129,20 @@ class JobController:
         self.run, self.state, self._process, self._is_alive = None, None, None, False
 
     def offer_unfinished(self) -> None:
-        """Show the newest job that an earlier editor began and that is not done; ask about one that was interrupted."""
-        for run in self.known.paths:
-            state = _read_state(run)
-            if state is None or state.status == "done":
-                continue
-            self.follow(run)
-            if self._is_alive:
-                self._context.requests.put(ShowPanel(PANEL))
-            elif state.status in ("running", "paused"):  # not stopped by the user: its process was killed
-                self._context.requests.put(OfferJob(run))
+        """Show the newest job of an earlier editor that runs, is not done, or that nobody has seen done.
+
+        The user is asked about one whose process was killed.
+        """
+        run = next((run for run in self.known.paths if _read_state(run) is not None), None)
+        if run is None or run in self._files.recents.paths:
             return
+        self.follow(run)
+        if self.is_interrupted and self.state is not None and self.state.status in ("running", "paused"):
+            self._context.requests.put(OfferJob(run))
+            return
+        if self.state is not None and self.state.status == "done":
+            self._context.messages.info(f"{run.name} is done")
+        self._context.requests.put(ShowPanel(PANEL))
 
     def leave(self, then: Callable[[], None]) -> None:
         """Do what closes the editor, `then`; where a job runs, the user is asked first what becomes of it."""

@@ -1,14 +1,12 @@
 """From a folder to a scene whose objects can be clicked, without a terminal."""
 
-import shutil
-import time
+from contextlib import contextmanager
 
 import pytest
-from window_driver import PATIENCE, editor_window
+from window_driver import PATIENCE, WindowDriver, editor_display
 
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.write import write_street
-from instdrive_core.formats.folder.scenes import read_scene_folder
 
 SHORTEST = "0.1"
 """Minutes: the fewest steps that are trained."""
@@ -23,14 +21,18 @@ def street(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def window(tmp_path):
-    """The editor without a scene."""
-    broken = tmp_path / "broken.ply"
+@contextmanager
+def empty_editor(folder, name):
+    """An editor without a scene; all of one test share what the editor remembers."""
+    broken = folder / name / "broken.ply"
+    broken.parent.mkdir()
     broken.write_bytes(b"no scene at all")
-    with editor_window(broken, tmp_path, opens=False) as driver:
+    driver = WindowDriver(broken, broken.parent, state=folder / "state")
+    try:
         driver.wait_for_message("broken.ply")
         yield driver
+    finally:
+        driver.close()
 
 
 def enter(window, field, text):
@@ -40,26 +42,33 @@ def enter(window, field, text):
 
 
 @pytest.mark.gui
-def test_a_folder_becomes_a_scene_to_click_in(window, street, tmp_path):
+def test_a_folder_becomes_a_scene_to_click_in(street, tmp_path):
     run = tmp_path / "made"
-    window.click_widget("empty.new")
-    enter(window, "new.source", str(street))
-    window.wait_for_widget("new.found")
-    enter(window, "new.minutes", SHORTEST)
-    enter(window, "new.out", str(run))
-    window.click_widget("dialog.accept")
-    window.wait_for_widget("training.status.running")
-    window.click_widget("training.Pause")
-    window.wait_for_widget("training.status.paused")
-    window.click_widget("training.Go on")
-    seen = window.wait_for(lambda state: "training.picture" in state["widgets"], "the live picture", TRAINING_PATIENCE)
-    assert "training.curve.Loss" in seen["widgets"] or not seen["open"]
-    window.wait_for(lambda state: state["open"], "the scene that was made", TRAINING_PATIENCE)
-    window.wait_for_widget("training.Report")
-    window.wait_until_calm()
-    assert (run / "report.html").is_file()
-    click_an_object(window)
-    assert window.quit() == 0
+    with editor_display():
+        with empty_editor(tmp_path, "first") as window:
+            window.click_widget("empty.new")
+            enter(window, "new.source", str(street))
+            window.wait_for_widget("new.found")
+            enter(window, "new.minutes", SHORTEST)
+            enter(window, "new.out", str(run))
+            window.click_widget("dialog.accept")
+            window.wait_for_widget("training.status.running")
+            window.click_widget("training.Pause")
+            window.wait_for_widget("training.status.paused")
+            window.key("ctrl+q")
+            window.click_widget("question.Go on in the background")
+            assert window.wait_for_end() == 0
+        with empty_editor(tmp_path, "second") as window:
+            shown = ("training.Stop", "training.Open the scene")  # it may be done by now
+            window.wait_for(lambda state: any(name in state["widgets"] for name in shown), "the job to be found again")
+            window.wait_for(lambda state: "training.Open the scene" in state["widgets"], "its end", TRAINING_PATIENCE)
+            assert {"training.picture", "training.curve.PSNR (dB)"} <= set(window.state["widgets"])
+            window.click_widget("training.Open the scene")
+            window.wait_until_open()
+            assert (run / "report.html").is_file()
+            assert "training.Report" in window.state["widgets"]
+            click_an_object(window)
+            assert window.quit() == 0
 
 
 def click_an_object(window):
