@@ -69,10 +69,9 @@ def running(tmp_path):
 
 
 def requests(session):
-    taken = []
-    while (request := session.requests.take()) is not None:
-        taken.append(request)
-    return taken
+    """What was asked for about jobs since the last call."""
+    kinds = (ShowPanel, OfferJob, AskLeaveJob)
+    return [request for kind in kinds if (request := session.requests.take(kind)) is not None]
 
 
 def test_a_source_is_looked_at_in_a_process_of_its_own(session, making, tmp_path):
@@ -154,7 +153,7 @@ def test_a_job_that_could_not_begin_is_told_and_forgotten(session, making, tmp_p
 
 
 def test_closing_asks_only_while_a_job_runs(session, making, running):
-    run, end = running
+    run, _ = running
     session.leave()
     assert session.is_quitting
     session.is_quitting = False
