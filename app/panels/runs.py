@@ -44,8 +44,9 @@ def _draw_table(ui: Ui, table: RunTable) -> None:
     if not imgui.begin_table("##figures", len(table.names) + 1, flags):
         return
     imgui.table_setup_scroll_freeze(1, 1)
-    for name in ("figure", *table.names):
-        imgui.table_setup_column(name)
+    for name, texts in _list_columns(table):
+        width = max(imgui.calc_text_size(text).x for text in (name, *texts)) + imgui.get_font_size()
+        imgui.table_setup_column(name, imgui.TableColumnFlags_.width_fixed, width)
     imgui.table_headers_row()
     for title, cells in table.rows:
         imgui.table_next_row()
@@ -59,3 +60,13 @@ def _draw_table(ui: Ui, table: RunTable) -> None:
                 imgui.text_colored(rgba(DIM), cell.delta)
     imgui.end_table()
     ui.mark("runs.table")
+
+
+def _list_columns(table: RunTable) -> list[tuple[str, list[str]]]:
+    """Heads of the columns, and the texts below them."""
+    titles = ("figure", [title for title, _ in table.rows])
+    runs = [
+        (name, [f"{cells[number].text}  {cells[number].delta}" for _, cells in table.rows])
+        for number, name in enumerate(table.names)
+    ]
+    return [titles, *runs]
