@@ -36,6 +36,10 @@ class RunsPanel:
             draw_dim_text(HINT)
             imgui.pop_text_wrap_pos()
         else:
+            imgui.push_text_wrap_pos(0)
+            for note in comparison.table.notes:
+                draw_dim_text(note)
+            imgui.pop_text_wrap_pos()
             _draw_table(ui, comparison.table)
 
 

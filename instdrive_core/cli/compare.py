@@ -28,7 +28,7 @@ def compare(
         runs: Folders of runs, or files that `eval --json` wrote. A folder's eval.json is used where it is newer than
             the scene; else the run is evaluated first.
         html: File to write a page into, with the same held-out views of each run and its training curves.
-        json: File to write the table into, as it reads: names of the runs, rows of cells.
+        json: File to write the table into, as it reads: names of the runs, rows of cells, notes.
         fresh: Evaluate every folder again.
     """
     from rich.console import Console
@@ -57,11 +57,12 @@ def _write_table(path: Path, runs: Sequence[MeasuredRun]) -> None:
     from dataclasses import asdict
     from json import dumps
 
-    from instdrive_core.evaluation.comparison import compare_runs
+    from instdrive_core.evaluation.comparison import compare_runs, find_differences
     from instdrive_core.files.atomic import write_bytes
 
     rows = [{"title": figure.title, "cells": [asdict(cell) for cell in cells]} for figure, cells in compare_runs(runs)]
-    write_bytes(path, (dumps({"names": [run.name for run in runs], "rows": rows}, indent=1) + "\n").encode())
+    table = {"names": [run.name for run in runs], "rows": rows, "notes": find_differences(runs)}
+    write_bytes(path, (dumps(table, indent=1) + "\n").encode())
 
 
 def build_comparison_table(runs: Sequence[MeasuredRun]) -> Table:

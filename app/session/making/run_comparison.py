@@ -32,6 +32,8 @@ class RunTable:
     names: tuple[str, ...]
     rows: tuple[tuple[str, tuple[FigureCell, ...]], ...]
     """Title of each figure and its values."""
+    notes: tuple[str, ...]
+    """What makes the runs incomparable."""
 
 
 class RunComparison:
@@ -76,4 +78,4 @@ class RunComparison:
 def _read_table(file: Path) -> RunTable:
     content = json.loads(file.read_text(encoding="utf-8"))
     rows = tuple((row["title"], tuple(FigureCell(**cell) for cell in row["cells"])) for row in content["rows"])
-    return RunTable(tuple(content["names"]), rows)
+    return RunTable(tuple(content["names"]), rows, tuple(content["notes"]))

@@ -28,7 +28,10 @@ def answer(monkeypatch, commands):
         commands.append(arguments)
         cells = [{"text": "21.0", "delta": "", "best": False}, {"text": "22.5", "delta": "+1.5", "best": True}]
         with open(arguments[-1], "w") as file:
-            json.dump({"names": ["second", "first"], "rows": [{"title": "PSNR", "cells": cells}]}, file)
+            json.dump(
+                {"names": ["second", "first"], "rows": [{"title": "PSNR", "cells": cells}], "notes": ["clips differ"]},
+                file,
+            )
         return ""
 
     monkeypatch.setattr(run_comparison, "run_command", run)
@@ -49,6 +52,7 @@ def test_the_chosen_runs_are_compared(session, comparison, tmp_path, monkeypatch
     finish(session)
     assert commands[0][:4] == ("compare", str(tmp_path / "second"), str(tmp_path / "first"), "--json")
     assert comparison.table.names == ("second", "first")
+    assert comparison.table.notes == ("clips differ",)
     ((title, cells),) = comparison.table.rows
     assert (title, [cell.text for cell in cells], [cell.best for cell in cells]) == (
         "PSNR",
