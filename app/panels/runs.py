@@ -9,6 +9,8 @@ from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_ico
 from instdrive_app.session.making.run_comparison import RunTable
 
 HINT = "Runs that are trained or opened here are listed. A run that was never evaluated takes a while."
+TITLE_SHARE = 0.4
+"""Share of the panel's width that the figures' titles have at most."""
 
 
 class RunsPanel:
@@ -48,14 +50,16 @@ def _draw_table(ui: Ui, table: RunTable) -> None:
     if not imgui.begin_table("##figures", len(table.names) + 1, flags):
         return
     imgui.table_setup_scroll_freeze(1, 1)
-    for name, texts in _list_columns(table):
+    most = TITLE_SHARE * imgui.get_content_region_avail().x
+    for number, (name, texts) in enumerate(_list_columns(table)):
         width = max(imgui.calc_text_size(text).x for text in (name, *texts)) + imgui.get_font_size()
+        width = width if number else min(width, most)
         imgui.table_setup_column(name, imgui.TableColumnFlags_.width_fixed, width)
     imgui.table_headers_row()
     for title, cells in table.rows:
         imgui.table_next_row()
         imgui.table_next_column()
-        draw_dim_text(title)
+        draw_dim_text(fit_text(title, most))
         for cell in cells:
             imgui.table_next_column()
             imgui.text_colored(rgba(GOOD if cell.best else TEXT), cell.text)
