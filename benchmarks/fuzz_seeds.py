@@ -34,6 +34,8 @@ from instdrive_core.formats.checkpoints.sample_files import (
     write_street_tracks,
     write_training_folder,
 )
+from instdrive_core.formats.ksplat.sample_files import build_ksplat
+from instdrive_core.formats.lcc.sample_files import build_lcc
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.formats.spz.scenes import write_spz
 from instdrive_core.project.edit_log import LoggedHistory, diff_histories
@@ -117,6 +119,12 @@ def _list_scene_seeds(folder: Path) -> Iterator[Seed]:
         yield written("spz", f"v{version}.spz", lambda path, version=version: write_spz(path, still, version))
     for name in ("scene.glb", "scene.gltf"):
         yield written("gltf", name, lambda path: save_scene(path, still))
+    rng = np.random.default_rng(4)
+    for level in (0, 1, 2):
+        name = f"level{level}.ksplat"
+        yield Seed("ksplat", name, {name: build_ksplat(rng, [(37, 1), (9, 0)], level)}, name)
+    yield Seed("lcc", "quality", build_lcc(rng, environment=5))
+    yield Seed("lcc", "portable", build_lcc(rng, harmonics=False), "meta.lcc")
     save_scene(folder / "run", drive)
     yield Seed("scene_folder", "run", read_files_below(folder / "run"))
 

@@ -12,6 +12,8 @@ from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOI
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
 from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
 from instdrive_core.formats.gltf.records import GLB, GLTF
+from instdrive_core.formats.ksplat.scenes import KSPLAT
+from instdrive_core.formats.lcc.scenes import LCC
 from instdrive_core.formats.ply.records import COMPRESSED_PLY, INRIA_PLY, SIBR_PLY
 from instdrive_core.formats.scene_format import Format
 from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER, SOG_LEVELS
@@ -32,6 +34,8 @@ FORMATS: tuple[Format, ...] = (
     SCENE_FOLDER,
     SOG_LEVELS,
     SOG_FOLDER,
+    KSPLAT,
+    LCC,
     CHECKPOINT_PTH,
     CHECKPOINT_PT,
     CHECKPOINT_CKPT,

@@ -19,6 +19,10 @@ from instdrive_core.formats.checkpoints.sample_files import (
     write_training_folder,
 )
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
+from instdrive_core.formats.ksplat.sample_files import build_ksplat
+from instdrive_core.formats.ksplat.scenes import KSPLAT
+from instdrive_core.formats.lcc.sample_files import build_lcc, write_lcc
+from instdrive_core.formats.lcc.scenes import LCC
 from instdrive_core.formats.read_back import find_loss, save_and_verify
 from instdrive_core.formats.registry import (
     FORMATS,
@@ -53,7 +57,13 @@ def checkpoint_writer(name, content):
     return lambda folder: write_checkpoint(folder / name, content(np.random.default_rng(0), COUNT))
 
 
+def write_ksplat(folder):
+    (folder / "street.ksplat").write_bytes(build_ksplat(np.random.default_rng(0), [(COUNT - 90, 2), (90, 1)]))
+
+
 SAMPLES = {
+    KSPLAT.title: write_ksplat,
+    LCC.title: lambda folder: write_lcc(folder / "street", build_lcc(np.random.default_rng(0), (COUNT - 100, 100))),
     CHECKPOINT_PTH.title: checkpoint_writer("street.pth", build_captured_content),
     CHECKPOINT_PT.title: checkpoint_writer("street.pt", build_gsplat_content),
     CHECKPOINT_CKPT.title: checkpoint_writer("street.ckpt", build_splatfacto_content),
@@ -62,7 +72,7 @@ SAMPLES = {
     ),
 }
 """How a format that the program does not write comes by a file: a new one needs an entry."""
-PATHS = {TRAINING_FOLDER.title: "street"}
+PATHS = {TRAINING_FOLDER.title: "street", LCC.title: "street", KSPLAT.title: "street.ksplat"}
 PATHS |= {fmt.title: f"street{fmt.suffix}" for fmt in (CHECKPOINT_PTH, CHECKPOINT_PT, CHECKPOINT_CKPT)}
 
 
