@@ -8,9 +8,9 @@ import numpy as np
 import tyro
 from PIL import Image
 
-from instdrive_core.cli.clip_facts import list_clip_facts
 from instdrive_core.cli.histogram_picture import draw_histograms
 from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.clip_facts import list_clip_facts
 from instdrive_core.datasets.registry import find_data_set
 from instdrive_core.errors import OptionError
 from instdrive_core.files.atomic import open_atomically
