@@ -19,6 +19,7 @@ from instdrive_core.formats.scene_format import Format
 from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER, SOG_LEVELS
 from instdrive_core.formats.splat import SPLAT
 from instdrive_core.formats.spz.scenes import SPZ
+from instdrive_core.formats.web_page.scenes import WEB_PAGE
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.upright import Axis
 
@@ -31,6 +32,7 @@ FORMATS: tuple[Format, ...] = (
     SOG_ARCHIVE,
     GLB,
     GLTF,
+    WEB_PAGE,
     SCENE_FOLDER,
     SOG_LEVELS,
     SOG_FOLDER,
