@@ -20,7 +20,7 @@ from instdrive_core.files.json_value import parse_json
 SPLATS, IDS, ABOUT = "instdrive-splats", "instdrive-ids", "instdrive-about"
 """Ids of the elements: base64 of a .sog, base64 of zlib of uint32, and JSON."""
 REMEDY = "Copy the page again, or export it again"
-_END = b"</script>"
+_END, _LAST = b"</script>", b"</html>"
 _MAX_ABOUT_BYTES = 64 << 20
 
 
@@ -43,7 +43,7 @@ def read_elements(path: Path) -> dict[str, bytes]:
     """Read the content of the three elements of a page, undecoded. Raises DataError where one is missing."""
     if not path.stat().st_size:
         raise DataError(path, "the file is empty", REMEDY)
-    found = {}
+    found: dict[str, bytes] = {}
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as page:
         for name in (SPLATS, IDS, ABOUT):
             start = page.find(_start(name))
@@ -52,6 +52,8 @@ def read_elements(path: Path) -> dict[str, bytes]:
                 problem = f"the page holds no whole scene of this program: the element {name!r} is missing"
                 raise DataError(path, problem, "Only pages exported by this program are opened; export it again")
             found[name] = page[start + len(_start(name)) : end]
+        if page.rfind(_LAST) < 0:
+            raise DataError(path, "the page has no end", REMEDY)
     return found
 
 

@@ -6,7 +6,6 @@ The page fetches nothing: its policy forbids it. `content` says how the scene li
 from __future__ import annotations
 
 import base64
-import html
 import io
 import math
 import zipfile
@@ -44,7 +43,7 @@ def write_web_page(path: str | Path, scene: Scene) -> None:
     gaussians = scene.gaussians.select(order)
     transform_gaussians(gaussians, FILE_FROM_SCENE)
     splats = _zip_files(pack_sog(gaussians, scene.antialiased))
-    page = _build_page(path.stem, splats, scene.instance_ids[order], _describe(scene))
+    page = _build_page(splats, scene.instance_ids[order], _describe(scene))
     check_plausible_count(path, len(scene), len(page))
     write_bytes(path, page)
 
@@ -100,9 +99,8 @@ def _build_settings(camera: dict[str, Any] | None) -> dict[str, Any]:
     }
 
 
-def _build_page(title: str, splats: bytes, ids: ndarray, about: dict[str, Any]) -> bytes:
+def _build_page(splats: bytes, ids: ndarray, about: dict[str, Any]) -> bytes:
     filling = {
-        "TITLE": html.escape(title).encode(),
         "VIEWER_CSS": _read_asset("viewer.css"),
         "PAGE_CSS": _read_asset("page.css"),
         "PAGE_JS": _read_asset("page.js"),

@@ -189,6 +189,7 @@ const nameInstances = (viewer, splats, ids, instances) => {
 };
 
 const open = async () => {
+  document.title = decodeURIComponent(location.pathname.split('/').pop()).replace(/\.html$/, '') || document.title;
   const about = JSON.parse(get('instdrive-about').textContent);
   const [content, packedIds, packedViewer] = await Promise.all(
     ['instdrive-splats', 'instdrive-ids', 'instdrive-viewer'].map(decode));
@@ -202,10 +203,14 @@ const open = async () => {
     contentUrl: URL.createObjectURL(content),
     contentFilename: 'scene.sog',
     contents: Promise.resolve(new Response(content)),
+    noanim: true,
     renderer: 'webgl', // draws the same everywhere; WebGPU is not on every computer
   });
   nameInstances(viewer, await readSplats(await content.arrayBuffer()), ids, about.instances);
-  const finish = () => { document.body.dataset.loaded = 'yes'; };
+  const finish = () => {
+    viewer.state.cameraMode = 'orbit'; // a click flies to what it hits in the other modes
+    document.body.dataset.loaded = 'yes';
+  };
   if (viewer.state.loaded) finish();
   else viewer.events.once('loaded:changed', finish);
 };
