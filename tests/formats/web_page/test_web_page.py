@@ -61,10 +61,11 @@ def test_colours_are_turned_with_the_scene(path):
     scene.gaussians.sh_dc[:] = 0.3
     save_scene(path, scene)
     found = open_scene(path).gaussians
-    origin = np.array([40.0, -30.0, 20.0])
     order = order_for_page(scene.gaussians.means)
-    expected = evaluate_view_colors(scene.gaussians.select(order), origin)
-    np.testing.assert_allclose(evaluate_view_colors(found, origin), expected, atol=0.02)
+    wanted = scene.gaussians.select(order)
+    directions = np.tile(np.array([[0.6, -0.48, 0.64]], np.float32), (20, 1))
+    expected = evaluate_view_colors(wanted.sh_dc, wanted.sh_rest, directions)
+    np.testing.assert_allclose(evaluate_view_colors(found.sh_dc, found.sh_rest, directions), expected, atol=0.02)
 
 
 def test_equal_scenes_make_equal_pages_that_fetch_nothing(tmp_path):
