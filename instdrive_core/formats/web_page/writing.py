@@ -73,7 +73,8 @@ def _place_camera(camera: Camera) -> dict[str, Any]:
     forward = camera.world_from_camera[:3, 2]
     position = turn_point_for_viewer(camera.position)
     target = turn_point_for_viewer(camera.position + _TURNING_DISTANCE * forward)
-    fov = math.degrees(2 * math.atan(camera.height / 2 / camera.fy))
+    # The viewer takes the angle along the longer side of its window.
+    fov = math.degrees(2 * math.atan(max(camera.width / camera.fx, camera.height / camera.fy) / 2))
     return {"position": position.tolist(), "target": target.tolist(), "fov": min(max(fov, 10.0), 120.0)}
 
 

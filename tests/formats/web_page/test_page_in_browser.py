@@ -65,7 +65,7 @@ def test_the_page_shows_the_scene_and_names_its_instances(tmp_path):
         )
         assert read_label(browser, "instdrive-problem") is None
         width, height = browser.evaluate("[innerWidth, innerHeight]")
-        focal = 400 * height / 600
+        focal = 400 * width / 800
         view = Camera(focal, focal, width / 2, height / 2, width, height, POSE)
         pixels = view.project(CENTERS)[0].round().astype(int).tolist()
         (left, right, below, _), empty = pixels, (width // 2, 60)
