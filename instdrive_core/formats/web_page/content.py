@@ -1,4 +1,4 @@
-"""The parts of a page that hold data: a .sog, the IDs of its splats, and what is known of the scene, found again by id."""
+"""The parts of a page that hold data: a .sog, the IDs of its splats, and what is known of the scene."""
 
 from __future__ import annotations
 

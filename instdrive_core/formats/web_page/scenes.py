@@ -85,5 +85,10 @@ def _parse_origin(value: Any, path: Path) -> Float64[ndarray, "3"]:
 
 
 WEB_PAGE = Format(
-    "Web page with a viewer", ".html", read_web_page, write_web_page, Fidelity(bound_page_error, order_for_page), up="+z"
+    "Web page with a viewer",
+    ".html",
+    read_web_page,
+    write_web_page,
+    Fidelity(bound_page_error, order_for_page),
+    up="+z",
 )

@@ -60,8 +60,7 @@ def test_the_page_shows_the_scene_and_names_its_instances(tmp_path):
     with open_browser(tmp_path / "profile") as browser:
         browser.send("Page.navigate", url=path.as_uri())
         browser.wait_for(
-            "document.body?.dataset.loaded === 'yes'"
-            " || document.getElementById('instdrive-problem')?.hidden === false"
+            "document.body?.dataset.loaded === 'yes' || document.getElementById('instdrive-problem')?.hidden === false"
         )
         assert read_label(browser, "instdrive-problem") is None
         width, height = browser.evaluate("[innerWidth, innerHeight]")
