@@ -1,7 +1,8 @@
 """Pack PlayCanvas's viewer for web pages of scenes: `python -m benchmarks.pack_web_viewer PACKAGE ENGINE`.
 
-PACKAGE is the unpacked npm package `@playcanvas/supersplat-viewer`, ENGINE that of `playcanvas`, whose licence
-goes with the engine in the former's bundle. `docs/formats.md` says how to fetch them. What this writes is committed and packed into the wheel.
+PACKAGE is the unpacked npm package `@playcanvas/supersplat-viewer`, ENGINE that of `playcanvas`, whose licence goes
+with the engine in the former's bundle. `docs/web_page.md` says how to fetch them. What this writes is committed and
+packed into the wheel.
 """
 
 from __future__ import annotations
