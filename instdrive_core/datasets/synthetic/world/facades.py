@@ -89,9 +89,7 @@ def _build_cell(x: Span, z: Span, opening: Opening, materials: WallMaterials, se
     return join_meshes([cell, ledge])
 
 
-def _place_patch(
-    x: Span, z: Span, y: float, material: int, origin: Span = (0.0, 0.0), seed: float = 0.0
-) -> _Rectangle:
+def _place_patch(x: Span, z: Span, y: float, material: int, origin: Span = (0.0, 0.0), seed: float = 0.0) -> _Rectangle:
     corners = [(x[0], y, z[0]), (x[1], y, z[0]), (x[1], y, z[1]), (x[0], y, z[1])]
     return corners, [(right - origin[0], up - origin[1], seed) for right, _, up in corners], material
 
