@@ -49,6 +49,7 @@ from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
 
+_PAGE_DATA = b'<script type="text/plain" id="instdrive-about">'
 Files = dict[str, bytes]
 """Content by name, relative to a folder, with ``/``."""
 
@@ -122,6 +123,7 @@ def _list_scene_seeds(folder: Path) -> Iterator[Seed]:
     moving = replace(drive, views=(), sky=None, exposures=None)
     for name in ("scene.usda", "scene.usdc", "scene.usdz"):
         yield written("usd", name, lambda path: save_scene(path, moving))
+    yield _strip_viewer(written("html", "page.html", lambda path: save_scene(path, still)))
     rng = np.random.default_rng(4)
     for level in (0, 1, 2):
         name = f"level{level}.ksplat"
@@ -130,6 +132,11 @@ def _list_scene_seeds(folder: Path) -> Iterator[Seed]:
     yield Seed("lcc", "portable", build_lcc(rng, harmonics=False), "meta.lcc")
     save_scene(folder / "run", drive)
     yield Seed("scene_folder", "run", read_files_below(folder / "run"))
+
+
+def _strip_viewer(page: Seed) -> Seed:
+    """A page without the viewer's script and styles, which readers pass over and which are most of it."""
+    return replace(page, files={name: page[page.index(_PAGE_DATA) :] for name, page in page.files.items()})
 
 
 def _convert_ply(content: bytes, order: str) -> bytes:

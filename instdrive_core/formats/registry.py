@@ -20,6 +20,7 @@ from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER, SOG_LEVE
 from instdrive_core.formats.splat import SPLAT
 from instdrive_core.formats.spz.scenes import SPZ
 from instdrive_core.formats.usd.records import USD, USDA, USDC, USDZ
+from instdrive_core.formats.web_page.scenes import WEB_PAGE
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.upright import Axis
 
@@ -36,6 +37,7 @@ FORMATS: tuple[Format, ...] = (
     USDA,
     USDC,
     USD,
+    WEB_PAGE,
     SCENE_FOLDER,
     SOG_LEVELS,
     SOG_FOLDER,
