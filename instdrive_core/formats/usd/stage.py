@@ -29,10 +29,16 @@ OWN_DATA = "instdrive"
 _ENDINGS = {b"PXR-USDC": ".usdc", b"#usda": ".usda", b"PK\x03\x04": ".usdz"}
 _MOST_LAYERS = 1000
 _PATIENCE, _BYTES_PER_SECOND = 15.0, 20e6
+_MEMORY, _MEMORY_PER_BYTE = 1 << 30, 6
 _SILENT: Any = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 _READ_ALL = """
 import sys
 from pxr import Sdf, Usd
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_DATA, (int(sys.argv[2]),) * 2)
+except ImportError:
+    pass
 layer = Sdf.Layer.FindOrOpen(sys.argv[1])
 def read(path):
     spec = layer.GetObjectAtPath(path)
@@ -41,6 +47,11 @@ def read(path):
     for code in layer.ListTimeSamplesForPath(path):
         layer.QueryTimeSample(path, code)
 layer.Traverse("/", read)
+if not layer.GetCompositionAssetDependencies():
+    stage, first = Usd.Stage.Open(layer), Usd.TimeCode.EarliestTime()
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        for attribute in prim.GetAttributes():
+            attribute.Get(first)
 """
 """What a process of its own runs. An error that Python sees is none here: the reader says what it is."""
 
@@ -110,9 +121,11 @@ def _find_ending(path: Path) -> str:
 
 
 def _try_reading(path: Path, named: Path) -> None:
-    """Read a binary file in a process of its own first: some damage ends the process that the library runs in."""
+    """Read a binary file in a process of its own first: some damage ends the process that the library runs in,
+    or asks for all memory there is."""
     seconds = _PATIENCE + path.stat().st_size / _BYTES_PER_SECOND
-    command = [sys.executable, "-c", _READ_ALL, str(named.resolve() if named is path else named)]
+    memory = _MEMORY + _MEMORY_PER_BYTE * path.stat().st_size
+    command = [sys.executable, "-c", _READ_ALL, str(named.resolve() if named is path else named), str(memory)]
     try:
         ended = subprocess.run(command, timeout=seconds, check=False, **_SILENT).returncode
     except subprocess.TimeoutExpired:
