@@ -8,6 +8,8 @@ EXTRAS = {
     "cv2": "train",
     "embreex": "train",
     "gsplat": "cuda",
+    "laspy": "clouds",
+    "lazrs": "clouds",
     "pandas": "train",
     "pyarrow": "datasets",
     "pycocotools": "train",

@@ -10,6 +10,7 @@ from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.formats.allocation import MEMORY_TO_READ, ReadOptions, enlarge_splats
 from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
+from instdrive_core.formats.clouds.records import LAS, LAZ, PCD
 from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
 from instdrive_core.formats.gltf.records import GLB, GLTF
 from instdrive_core.formats.ksplat.scenes import KSPLAT
@@ -43,6 +44,9 @@ FORMATS: tuple[Format, ...] = (
     SOG_FOLDER,
     KSPLAT,
     LCC,
+    LAS,
+    LAZ,
+    PCD,
     CHECKPOINT_PTH,
     CHECKPOINT_PT,
     CHECKPOINT_CKPT,

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 
+import laspy
 import numpy as np
 import pytest
 from random_scene import random_scene
@@ -19,6 +20,8 @@ from instdrive_core.formats.checkpoints.sample_files import (
     write_training_folder,
 )
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
+from instdrive_core.formats.clouds.records import LAS, LAZ, PCD
+from instdrive_core.formats.clouds.sample_files import build_pcd
 from instdrive_core.formats.ksplat.sample_files import build_ksplat
 from instdrive_core.formats.ksplat.scenes import KSPLAT
 from instdrive_core.formats.lcc.sample_files import build_lcc, write_lcc
@@ -61,7 +64,23 @@ def write_ksplat(folder):
     (folder / "street.ksplat").write_bytes(build_ksplat(np.random.default_rng(0), [(COUNT - 90, 2), (90, 1)]))
 
 
+def write_las(folder, name):
+    data = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+    data.header.scales = [0.001] * 3
+    data.x, data.y, data.z = np.random.default_rng(0).normal(0, 9, (3, COUNT))
+    data.write(str(folder / name))
+
+
+def write_pcd(folder):
+    rng = np.random.default_rng(0)
+    points, colors = rng.normal(0, 9, (COUNT, 3)), rng.integers(0, 255, (COUNT, 3))
+    (folder / "street.pcd").write_bytes(build_pcd(points, colors, "binary_compressed"))
+
+
 SAMPLES = {
+    LAS.title: lambda folder: write_las(folder, "street.las"),
+    LAZ.title: lambda folder: write_las(folder, "street.laz"),
+    PCD.title: write_pcd,
     KSPLAT.title: write_ksplat,
     LCC.title: lambda folder: write_lcc(folder / "street", build_lcc(np.random.default_rng(0), (COUNT - 100, 100))),
     CHECKPOINT_PTH.title: checkpoint_writer("street.pth", build_captured_content),
@@ -73,7 +92,7 @@ SAMPLES = {
 }
 """How a format that the program does not write comes by a file: a new one needs an entry."""
 PATHS = {TRAINING_FOLDER.title: "street", LCC.title: "street", KSPLAT.title: "street.ksplat"}
-PATHS |= {fmt.title: f"street{fmt.suffix}" for fmt in (CHECKPOINT_PTH, CHECKPOINT_PT, CHECKPOINT_CKPT)}
+PATHS |= {fmt.title: f"street{fmt.suffix}" for fmt in (CHECKPOINT_PTH, CHECKPOINT_PT, CHECKPOINT_CKPT, LAS, LAZ, PCD)}
 
 
 def name_file(fmt, folder):
