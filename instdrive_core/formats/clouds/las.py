@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.extras import explain_missing_module
+from instdrive_core.files.trial import survives_trial
 from instdrive_core.formats.allocation import WHOLE, ReadOptions, check_memory, count_row_bytes
 from instdrive_core.formats.clouds.points import PASSING, CloudPoints, make_cloud_scene
 from instdrive_core.progress import report
@@ -17,6 +19,12 @@ from instdrive_core.scene.scene import Scene
 
 _REMEDY = "Copy the file again, or export it again from the program that made it"
 _BLOCK_POINTS = 1_000_000
+_TRIAL = "instdrive_core.formats.clouds.las_trial"
+_SPARE, _SPARE_PER_BYTE = 100 << 20, 8
+"""Bytes of memory that a whole file may need, and those for each of its bytes."""
+_HEADER_BYTES, _POINTS_START, _LONG_COUNT_START = 375, 96, 247
+_POINTS, _LONG_COUNT = struct.Struct("<I4xBHI"), struct.Struct("<Q")
+"""First byte of the points, their format, bytes of each, and their count."""
 _SMALL_COUNT, _POINTS_PER_BYTE = 400_000, 2
 """Points that a compressed file can be believed to hold: real ones take two bytes each or more."""
 
@@ -31,8 +39,11 @@ def read_las(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
         import laspy
     except ModuleNotFoundError as error:
         raise explain_missing_module(error) or error from error
+    _check_count(path)
+    if not survives_trial(_TRIAL, path, _SPARE + _SPARE_PER_BYTE * path.stat().st_size):
+        raise DataError(path, "is damaged: it cannot be read in the memory that a whole file needs", _REMEDY)
     try:
-        with laspy.open(str(path)) as reader:
+        with laspy.open(str(path), laz_backend=laspy.LazBackend.Lazrs) as reader:
             cloud = _read_points(reader, path, options)
     except DataError:
         raise
@@ -45,19 +56,30 @@ def read_las(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     return make_cloud_scene(path, cloud, options)
 
 
+def _check_count(path: Path) -> None:
+    """Check the promised points against the file's size. Raises DataError."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        header = file.read(_HEADER_BYTES).ljust(_HEADER_BYTES, b"\0")
+    if not header.startswith(b"LASF"):
+        raise DataError(path, f"the file begins with {header[:4]!r}, not b'LASF'", "Check that it is a .las or .laz")
+    start, kind, width, count = _POINTS.unpack_from(header, _POINTS_START)
+    count = count or _LONG_COUNT.unpack_from(header, _LONG_COUNT_START)[0]  # from version 1.4 on
+    if start > size:
+        raise DataError(path, f"its points begin at byte {start}, the file ends at {size}", _REMEDY)
+    is_compressed = kind & 0x80
+    most = _SMALL_COUNT + _POINTS_PER_BYTE * size if is_compressed else max(0, size - start) // max(1, width)
+    if not 0 < count <= most:
+        raise DataError(path, f"the header promises {count} points, {size} bytes hold up to {most}", _REMEDY)
+
+
 def _refuse(path: Path, error: BaseException) -> DataError:
     return DataError(path, f"is no readable .las or .laz ({str(error)[:200] or type(error).__name__})", _REMEDY)
 
 
 def _read_points(reader: Any, path: Path, options: ReadOptions) -> CloudPoints:
-    header, size = reader.header, path.stat().st_size
+    header = reader.header
     count = int(header.point_count)
-    if header.are_points_compressed:
-        most = _SMALL_COUNT + _POINTS_PER_BYTE * size
-    else:
-        most = max(0, size - int(header.offset_to_point_data)) // max(1, int(header.point_format.size))
-    if not 0 < count <= most:
-        raise DataError(path, f"the header promises {count} points, {size} bytes hold up to {most}", _REMEDY)
     check_memory(path, count, count_row_bytes(0, 0) + PASSING, options, PASSING * count)
     names = set(header.point_format.dimension_names)
     positions = np.empty((count, 3))

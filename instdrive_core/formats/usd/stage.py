@@ -8,8 +8,6 @@ from __future__ import annotations
 import os
 import shutil
 import struct
-import subprocess
-import sys
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +18,7 @@ from typing import Any
 
 from instdrive_core.errors import DataError, UntrustedDataError
 from instdrive_core.extras import explain_missing_module
+from instdrive_core.files.trial import survives_trial
 
 REMEDY = "Copy the file again with all that belongs to it, or export it again"
 SPLATS = "ParticleField3DGaussianSplat"
@@ -28,32 +27,8 @@ OWN_DATA = "instdrive"
 """Key of this program's entries in a prim's custom data."""
 _ENDINGS = {b"PXR-USDC": ".usdc", b"#usda": ".usda", b"PK\x03\x04": ".usdz"}
 _MOST_LAYERS = 1000
-_PATIENCE, _BYTES_PER_SECOND = 15.0, 20e6
-_MEMORY, _MEMORY_PER_BYTE = 1 << 30, 6
-_SILENT: Any = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-_READ_ALL = """
-import sys
-from pxr import Sdf, Usd
-try:
-    import resource
-    resource.setrlimit(resource.RLIMIT_DATA, (int(sys.argv[2]),) * 2)
-except ImportError:
-    pass
-layer = Sdf.Layer.FindOrOpen(sys.argv[1])
-def read(path):
-    spec = layer.GetObjectAtPath(path)
-    for key in spec.ListInfoKeys() if spec else ():
-        spec.GetInfo(key)
-    for code in layer.ListTimeSamplesForPath(path):
-        layer.QueryTimeSample(path, code)
-layer.Traverse("/", read)
-if not layer.GetCompositionAssetDependencies():
-    stage, first = Usd.Stage.Open(layer), Usd.TimeCode.EarliestTime()
-    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
-        for attribute in prim.GetAttributes():
-            attribute.Get(first)
-"""
-"""What a process of its own runs. An error that Python sees is none here: the reader says what it is."""
+_SPARE, _SPARE_PER_BYTE = 1 << 30, 6
+"""Bytes of memory that a whole file may need, and those for each of its bytes."""
 
 
 def load_usd(module: str) -> Any:
@@ -79,7 +54,7 @@ def open_stage(path: Path) -> Iterator[Any]:
         if path.suffix.lower() not in (ending, ".usd") or ending == ".usdz" != path.suffix.lower():
             named = _link(path, Path(name) / f"scene{ending}")
         if ending != ".usda":
-            _try_reading(path, named)
+            _require_survival(path, named)
         with refuse_usd_errors(path, "is no readable USD file", REMEDY):
             layer = sdf.Layer.FindOrOpen(str(named))
             if layer is None:
@@ -120,17 +95,11 @@ def _find_ending(path: Path) -> str:
     raise DataError(path, problem, "Check that it is a .usd, .usda, .usdc or .usdz file")
 
 
-def _try_reading(path: Path, named: Path) -> None:
-    """Read a binary file in a process of its own first: some damage ends the process that the library runs in,
-    or asks for all memory there is."""
-    seconds = _PATIENCE + path.stat().st_size / _BYTES_PER_SECOND
-    memory = _MEMORY + _MEMORY_PER_BYTE * path.stat().st_size
-    command = [sys.executable, "-c", _READ_ALL, str(named.resolve() if named is path else named), str(memory)]
-    try:
-        ended = subprocess.run(command, timeout=seconds, check=False, **_SILENT).returncode
-    except subprocess.TimeoutExpired:
-        ended = -1
-    if ended < 0:
+def _require_survival(path: Path, named: Path) -> None:
+    """Read a binary file in a process of its own first: some damage ends the process that OpenUSD runs in, or asks for
+    all memory there is."""
+    whole = named.resolve() if named is path else named
+    if not survives_trial("instdrive_core.formats.usd.trial", whole, _SPARE + _SPARE_PER_BYTE * path.stat().st_size):
         raise DataError(path, "is damaged: OpenUSD breaks off while it reads it", REMEDY)
 
 
