@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
 from numpy import ndarray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.allocation import ReadOptions, allocate_gaussians
@@ -39,7 +39,7 @@ class CloudPoints:
     """Metres."""
     colors: UInt8[ndarray, "n 3"] | None = None
     intensities: Float[ndarray, " n"] | None = None
-    """Of any scale."""
+    """Any scale will do."""
     extra: dict[str, ndarray] = field(default_factory=dict)
     """Columns that are kept, such as the classes of a .las."""
 
@@ -49,7 +49,7 @@ def make_cloud_scene(path: Path, cloud: CloudPoints, options: ReadOptions) -> Sc
 
     Raises DataError where no point is left, SceneTooLargeError.
     """
-    good = np.isfinite(cloud.positions).all(axis=1)
+    good: ndarray = np.isfinite(cloud.positions).all(axis=1)  # pyright: ignore[reportAssignmentType]
     left_out = () if good.all() else (f"{int((~good).sum()):,} points without a position",)
     if not good.any():
         raise DataError(path, "the cloud has no points with a position", "Export it again")
@@ -74,7 +74,7 @@ def make_cloud_scene(path: Path, cloud: CloudPoints, options: ReadOptions) -> Sc
 
 def _measure_gaps(points: Float[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
     """Measure the mean distance to the nearest neighbours, inside what a splat's size may be."""
-    tree, gaps = cKDTree(points), np.full(len(points), _SMALLEST / _SHARE_OF_GAP)
+    tree, gaps = KDTree(points), np.full(len(points), _SMALLEST / _SHARE_OF_GAP)
     count = min(_NEIGHBOURS, len(points) - 1)
     for start in range(0, len(points) if count else 0, _BLOCK_ROWS):
         rows = slice(start, start + _BLOCK_ROWS)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from instdrive_core.files.trial import run_trial
+from instdrive_core.formats.usd.stage import load_usd
 
 
 def _read_all(path: str) -> None:
-    from pxr import Sdf, Usd
-
-    sdf, usd = Sdf, Usd  # type: Any, Any
+    sdf, usd = load_usd("Sdf"), load_usd("Usd")
     layer = sdf.Layer.FindOrOpen(path)
 
     def look(place: Any) -> None:
