@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,6 +35,8 @@ _REACH = 3.0
 """Standard deviations that an extent spans."""
 _SLACK = 0.06
 """Seconds before and after a track in which its object is shown, as `Track.covers` has it."""
+_PACKED_AT = 315_619_200
+"""Seconds since 1970 that a package gives as its content's time, so that one scene gives one file: 2 January 1980."""
 
 
 def write_usd(path: str | Path, scene: Scene) -> None:
@@ -63,6 +66,7 @@ def order_by_prim(scene: Scene) -> Int64[ndarray, " n"]:
 
 
 def _pack(file: Path) -> Path:
+    os.utime(file, (_PACKED_AT, _PACKED_AT))
     package = file.with_suffix(".usdz")
     if not load_usd("UsdUtils").CreateNewUsdzPackage(load_usd("Sdf").AssetPath(str(file)), str(package)):
         raise DataError(package, "OpenUSD cannot pack it", "Save as .usdc")

@@ -1,6 +1,7 @@
 """USD: what the schema defines, tracks over time, stages of other programs, and those that must be refused."""
 
 import dataclasses
+import zipfile
 
 import numpy as np
 import pytest
@@ -44,6 +45,13 @@ def test_instances_and_tracks_come_back(tmp_path, ending):
         np.testing.assert_array_equal(mine.dimensions, theirs.dimensions)
         np.testing.assert_allclose(mine.times, theirs.times, atol=1e-12)
         np.testing.assert_allclose(mine.world_from_box, theirs.world_from_box, atol=1e-9)
+
+
+def test_a_package_does_not_tell_when_it_was_written(tmp_path):
+    """One scene gives one file, whatever the clock says."""
+    save_scene(tmp_path / "a.usdz", street())
+    with zipfile.ZipFile(tmp_path / "a.usdz") as package:
+        assert [part.date_time[0] for part in package.infolist()] == [1980]
 
 
 def test_the_stage_is_as_the_schema_wants_it(tmp_path):
