@@ -116,8 +116,11 @@ NOTHING = np.iinfo(np.int64).max
 
 
 def assign_class_ids(class_names: dict[int, str], stuff_ids: dict[str, int]) -> Int64[ndarray, "256"]:
-    """Give each semantic class what its points are outside of all boxes: an ID, `UNKNOWN` or `NOTHING`."""
-    ids = np.full(256, NOTHING, np.int64)
+    """Give each semantic class what its points are outside of all boxes: an ID, `UNKNOWN` or `NOTHING`.
+
+    Where the clip has no classes, all points are surfaces of which nobody says what they are: sky is not behind them.
+    """
+    ids = np.full(256, NOTHING if class_names else UNKNOWN, np.int64)
     for number, name in class_names.items():
         if name in MOVABLE:
             ids[number] = UNKNOWN

@@ -164,6 +164,8 @@ class AnnotationLabels:
 
     def _compute_limits(self, width: int) -> Float32[ndarray, " l"]:
         limits = np.full(self._sky + 1, REACH, np.float32)
+        if self._things.start == UNKNOWN + 1:  # no classes: streets and houses are among what nobody named
+            limits[UNKNOWN] = WIDE_REACH
         limits[[number for number, one in self.cloud.instances.items() if one.class_name in WIDE_SURFACES]] = WIDE_REACH
         return limits * np.float32(width)
 
