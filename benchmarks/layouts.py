@@ -1,7 +1,8 @@
 """``python -m benchmarks.layouts``: a drive written in every layout and read back. One JSON line.
 
 Per layout: whether the photos' pixels are equal, the largest error of poses, points (metres) and boxes (metres), and
-with ``--train`` the gap in PSNR between the ``demo`` preset trained from the original and from the layout.
+with ``--train`` the gap in PSNR between the ``demo`` preset trained from the original and from the layout. Both make
+their own masks, are seeded alike and are measured on the same pixels; `psnr_noise` is what another seed changes.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import tyro
+from jaxtyping import Bool
+from numpy import ndarray
 
-from instdrive_core.datasets.clip import Clip, ClipOptions
+from instdrive_core.datasets.clip import HOLD_OUT_PERIOD, Clip, ClipOptions, is_held_out
 from instdrive_core.datasets.clip_comparison import compare_clips
 from instdrive_core.datasets.clip_recordings import record_clip
 from instdrive_core.datasets.registry import DATA_SETS, DataSet, load_clip
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.write import write_street
+from instdrive_core.errors import OptionError
 
 
 @dataclass(frozen=True)
@@ -30,14 +34,16 @@ class Options:
 
     clip: Path | None = None
     """A clip's folder; default: a synthetic street is recorded."""
-    steps: int = 4
-    """Time steps of it."""
+    steps: int = 6
+    """Time steps of it. Training holds out the fifth of ten, and needs as many."""
     width: int = 480
     """Width of the synthetic street's photos."""
     layouts: tuple[str, ...] = ()
     """Only these, by title; default: all that are written."""
     train: bool = False
-    """Train the preset `demo` from the original and from each layout: half an hour or more on two cores."""
+    """Train the preset `demo` from the original and from each layout: an hour or more on two cores."""
+    iterations: int | None = None
+    """Steps of each training; default: the preset's 2,200."""
 
 
 def measure_layouts(options: Options) -> dict[str, Any]:
@@ -49,22 +55,30 @@ def measure_layouts(options: Options) -> dict[str, Any]:
             source = folder / "street"
             config = StreetConfig(steps=options.steps, width=options.width, height=options.width * 9 // 16)
             write_street(source, config)
-        original = _load_part(source, options.steps)
+        original = _load_part(source, options.steps, options.train)
         written = [data_set for data_set in DATA_SETS if data_set.write is not None]
         chosen = [data_set for data_set in written if data_set.title in options.layouts or not options.layouts]
         found = {one.title: _measure(original, one, folder / str(number)) for number, one in enumerate(chosen)}
         if options.train:
-            _measure_gaps(original, found, folder)
+            _measure_gaps(original, found, folder, options.iterations)
         for entry in found.values():
             del entry["folder"]
         return {"clip": original.name, "steps": options.steps, "layouts": found}
 
 
-def _load_part(source: Path, steps: int) -> Clip:
-    """The first steps of a clip, at full size."""
-    whole = load_clip(str(source), ClipOptions(scale=1.0))
-    first = whole.frames[0].view.index
-    return load_clip(str(source), ClipOptions(scale=1.0, first_frame=first, last_frame=first + steps - 1))
+def _load_part(source: Path, steps: int, train: bool) -> Clip:
+    """The first steps of a clip, at full size.
+
+    To train, they begin at a multiple of ten: layouts count steps from 0, and the same photos are to be held out.
+    """
+    listed = {frame.view.index for frame in load_clip(str(source), ClipOptions(scale=1.0)).frames}
+    first = min(listed)
+    if train:
+        first += -first % HOLD_OUT_PERIOD
+    last = first + steps - 1
+    if train and not any(is_held_out(step) for step in listed if first <= step <= last):
+        raise OptionError(f"{source}: no time step from {first} to {last} is held out; choose more --steps")
+    return load_clip(str(source), ClipOptions(scale=1.0, first_frame=first, last_frame=last))
 
 
 def _measure(original: Clip, layout: DataSet, folder: Path) -> dict[str, Any]:
@@ -103,21 +117,41 @@ def _trim_tracks(clip: Clip) -> Clip:
     return replace(clip, tracks=tuple(tracks))
 
 
-def _measure_gaps(original: Clip, found: dict[str, dict[str, Any]], work: Path) -> None:
+def _measure_gaps(original: Clip, found: dict[str, dict[str, Any]], work: Path, iterations: int | None) -> None:
     """Train from the original and from each layout; a layout of one camera is compared with that camera alone."""
-    from benchmarks.train_layout import train_for_psnr  # loads torch, which nothing else here needs
+    from benchmarks.train_layout import PartOfDrive, train_for_psnr  # loads torch, which nothing else here needs
 
     steps = [frame.view.index for frame in original.frames]
-    first: dict[int, float] = {}
+    known: dict[int, _Reference] = {}
     for number, (title, entry) in enumerate(found.items()):
-        cameras = len(load_clip(entry["folder"], ClipOptions()).camera_names)
-        names = ",".join(original.camera_names[:cameras])
-        if cameras not in first:
-            options = ClipOptions(names, first_frame=steps[0], last_frame=steps[-1])
-            first[cameras] = train_for_psnr(Path(original.path), options, work / f"original-{cameras}")
-        trained = train_for_psnr(Path(entry["folder"]), ClipOptions(), work / f"layout-{number}")
-        entry["psnr"], entry["psnr_gap"] = round(trained, 3), round(trained - first[cameras], 3)
+        part = PartOfDrive(Path(entry["folder"]), ClipOptions(), iterations)
+        cameras = len(part.load().camera_names)
+        if cameras not in known:
+            names = ",".join(original.camera_names[:cameras])
+            asked = ClipOptions(names, first_frame=steps[0], last_frame=steps[-1])
+            whole = PartOfDrive(Path(original.path), asked, iterations)
+            shown = tuple(frame.valid for frame in whole.load().held_out_frames)
+            first, again = (
+                train_for_psnr(whole, work / f"original-{cameras}-{seed}", shown, seed) for seed in range(2)
+            )
+            known[cameras] = _Reference(first, abs(first - again), shown)
+            print(f"original, {cameras} cameras: {first:.3f} dB, another seed {again:.3f} dB", file=sys.stderr)
+        reference = known[cameras]
+        trained = train_for_psnr(part, work / f"layout-{number}", reference.shown)
+        entry["psnr"], entry["psnr_gap"] = round(trained, 3), round(trained - reference.psnr, 3)
+        entry["psnr_noise"] = round(reference.noise, 3)
         print(f"{title}: {trained:.3f} dB, gap {entry['psnr_gap']:+.3f} dB", file=sys.stderr)
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """What training from the original gives, in dB."""
+
+    psnr: float
+    noise: float
+    """Difference that another seed makes."""
+    shown: tuple[Bool[ndarray, "h w"] | None, ...]
+    """Pixels of each held-out photo that are compared."""
 
 
 if __name__ == "__main__":

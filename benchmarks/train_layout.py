@@ -1,19 +1,68 @@
-"""Trains a clip with the ``demo`` preset, colour and shape only, and measures its held-out photos."""
+"""Trains a drive with the ``demo`` preset, colour and shape only, and measures its held-out photos."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.evaluation.protocol import evaluate_run
+import numpy as np
+from jaxtyping import Bool
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip, ClipOptions
+from instdrive_core.datasets.registry import load_clip
+from instdrive_core.evaluation.metrics.held_out import measure_held_out_view
+from instdrive_core.formats.folder.scenes import read_scene_folder
+from instdrive_core.masks.ground_truth import UnknownLabels
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.instance_learner import LearnedInstances
 from instdrive_core.training.run import RunRequest, run_training
-from instdrive_core.training.settings.config import build_train_config
+from instdrive_core.training.settings.clip_size import AskedSizes
+from instdrive_core.training.settings.config import TrainConfig, build_train_config
+from instdrive_core.training.views.view_store import ViewStore
+
+Shown = Sequence[Bool[ndarray, "h w"] | None]
+"""For each held-out photo the pixels that are compared; None = all."""
 
 
-def train_for_psnr(clip: Path, options: ClipOptions, run: Path) -> float:
-    """Train into the folder `run`; mean PSNR of held-out photos in dB."""
-    request = RunRequest(clip, run, options, build_train_config("instdrive", "demo"))
+@dataclass(frozen=True)
+class PartOfDrive:
+    """A clip's folder, the part of it to train, and for how many steps."""
+
+    path: Path
+    options: ClipOptions
+    iterations: int | None = None
+    """None = the preset's."""
+
+    def load(self) -> Clip:
+        """Open it at the size that is trained."""
+        return load_clip(str(self.path), self.options)
+
+
+def train_for_psnr(part: PartOfDrive, run: Path, shown: Shown, seed: int = 0) -> float:
+    """Train into the folder `run` with the masks that training makes itself; mean PSNR in dB.
+
+    The pixels of `shown` are compared, whatever the part's own layout says of the recording car.
+    """
+    config = build_train_config("instdrive", "demo", seed)
+    sizes = AskedSizes(part.iterations)
+    request = RunRequest(part.path, run, part.options, config, learner=_learn_nothing, sizes=sizes)
     run_training(request, lambda event: None, lambda note: None)
-    found = evaluate_run(run).figures["psnr"]
-    assert isinstance(found, float)
-    return found
+    return measure_held_out_psnr(run, part.load(), shown)
+
+
+def measure_held_out_psnr(run: Path, clip: Clip, shown: Shown) -> float:
+    """Mean PSNR in dB of a run's held-out photos; `shown` as for `train_for_psnr`."""
+    scene = read_scene_folder(run)
+    frames = zip(clip.with_cameras(scene.views).held_out_frames, shown, strict=True)
+    views = (measure_held_out_view(scene, clip, replace(frame, valid=kept), UnknownLabels()) for frame, kept in frames)
+    return float(np.mean([view.psnr for view in views if view.psnr is not None]))
+
+
+def _learn_nothing(
+    model: SceneModel, store: ViewStore, config: TrainConfig, on_note: Callable[[str], None]
+) -> LearnedInstances:
+    """Take the place of learning instances, which changes no picture: all Gaussians are one."""
+    count = len(model)
+    return LearnedInstances(np.zeros(count, np.uint32), np.zeros((count, 0), np.float32), 0, whole=True)
