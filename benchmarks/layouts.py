@@ -2,7 +2,8 @@
 
 Per layout: whether the photos' pixels are equal, the largest error of poses, points (metres) and boxes (metres), and
 with ``--train`` the gap in PSNR between the ``demo`` preset trained from the original and from the layout. Both make
-their own masks, are seeded alike and are measured on the same pixels; `psnr_noise` is what another seed changes.
+their own masks, are seeded alike and are measured on the same pixels; `psnr_noise` is what seeds change: one held-out
+photo is a matter of luck.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import fmean
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -44,6 +46,8 @@ class Options:
     """Train the preset `demo` from the original and from each layout: an hour or more on two cores."""
     iterations: int | None = None
     """Steps of each training; default: the preset's 2,200."""
+    seeds: int = 3
+    """Trainings of each, of which the means are compared."""
 
 
 def measure_layouts(options: Options) -> dict[str, Any]:
@@ -60,7 +64,7 @@ def measure_layouts(options: Options) -> dict[str, Any]:
         chosen = [data_set for data_set in written if data_set.title in options.layouts or not options.layouts]
         found = {one.title: _measure(original, one, folder / str(number)) for number, one in enumerate(chosen)}
         if options.train:
-            _measure_gaps(original, found, folder, options.iterations)
+            _measure_gaps(original, found, folder, options)
         for entry in found.values():
             del entry["folder"]
         return {"clip": original.name, "steps": options.steps, "layouts": found}
@@ -117,39 +121,41 @@ def _trim_tracks(clip: Clip) -> Clip:
     return replace(clip, tracks=tuple(tracks))
 
 
-def _measure_gaps(original: Clip, found: dict[str, dict[str, Any]], work: Path, iterations: int | None) -> None:
+def _measure_gaps(original: Clip, found: dict[str, dict[str, Any]], work: Path, options: Options) -> None:
     """Train from the original and from each layout; a layout of one camera is compared with that camera alone."""
     from benchmarks.train_layout import PartOfDrive, train_for_psnr  # loads torch, which nothing else here needs
 
     steps = [frame.view.index for frame in original.frames]
     known: dict[int, _Reference] = {}
     for number, (title, entry) in enumerate(found.items()):
-        part = PartOfDrive(Path(entry["folder"]), ClipOptions(), iterations)
+        part = PartOfDrive(Path(entry["folder"]), ClipOptions(), options.iterations)
         cameras = len(part.load().camera_names)
         if cameras not in known:
             names = ",".join(original.camera_names[:cameras])
             asked = ClipOptions(names, first_frame=steps[0], last_frame=steps[-1])
-            whole = PartOfDrive(Path(original.path), asked, iterations)
+            whole = PartOfDrive(Path(original.path), asked, options.iterations)
             shown = tuple(frame.valid for frame in whole.load().held_out_frames)
-            first, again = (
-                train_for_psnr(whole, work / f"original-{cameras}-{seed}", shown, seed) for seed in range(2)
-            )
-            known[cameras] = _Reference(first, abs(first - again), shown)
-            print(f"original, {cameras} cameras: {first:.3f} dB, another seed {again:.3f} dB", file=sys.stderr)
+            found_psnr = train_for_psnr(whole, work / f"original-{cameras}", shown, options.seeds)
+            known[cameras] = _Reference(found_psnr, shown)
+            print(f"original, cameras {names}: {_list_decibels(found_psnr)}", file=sys.stderr)
         reference = known[cameras]
-        trained = train_for_psnr(part, work / f"layout-{number}", reference.shown)
-        entry["psnr"], entry["psnr_gap"] = round(trained, 3), round(trained - reference.psnr, 3)
-        entry["psnr_noise"] = round(reference.noise, 3)
-        print(f"{title}: {trained:.3f} dB, gap {entry['psnr_gap']:+.3f} dB", file=sys.stderr)
+        trained = train_for_psnr(part, work / f"layout-{number}", reference.shown, options.seeds)
+        entry["psnr"] = round(fmean(trained), 3)
+        entry["psnr_gap"] = round(fmean(trained) - fmean(reference.psnr), 3)
+        entry["psnr_noise"] = round(max(reference.psnr) - min(reference.psnr), 3)
+        print(f"{title}: {_list_decibels(trained)}, gap {entry['psnr_gap']:+.3f} dB", file=sys.stderr)
+
+
+def _list_decibels(psnr: list[float]) -> str:
+    return ", ".join(f"{one:.3f}" for one in psnr) + " dB"
 
 
 @dataclass(frozen=True)
 class _Reference:
-    """What training from the original gives, in dB."""
+    """What training from the original gives."""
 
-    psnr: float
-    noise: float
-    """Difference that another seed makes."""
+    psnr: list[float]
+    """Of each seed, in dB."""
     shown: tuple[Bool[ndarray, "h w"] | None, ...]
     """Pixels of each held-out photo that are compared."""
 

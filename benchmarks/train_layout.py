@@ -40,16 +40,19 @@ class PartOfDrive:
         return load_clip(str(self.path), self.options)
 
 
-def train_for_psnr(part: PartOfDrive, run: Path, shown: Shown, seed: int = 0) -> float:
-    """Train into the folder `run` with the masks that training makes itself; mean PSNR in dB.
+def train_for_psnr(part: PartOfDrive, runs: Path, shown: Shown, seeds: int = 1) -> list[float]:
+    """Train into folders of `runs` with the masks that training makes itself; mean PSNR in dB of each seed.
 
     The pixels of `shown` are compared, whatever the part's own layout says of the recording car.
     """
-    config = build_train_config("instdrive", "demo", seed)
-    sizes = AskedSizes(part.iterations)
-    request = RunRequest(part.path, run, part.options, config, learner=_learn_nothing, sizes=sizes)
-    run_training(request, lambda event: None, lambda note: None)
-    return measure_held_out_psnr(run, part.load(), shown)
+    found = []
+    for seed in range(seeds):
+        run, config = runs / str(seed), build_train_config("instdrive", "demo", seed)
+        sizes = AskedSizes(part.iterations)
+        request = RunRequest(part.path, run, part.options, config, learner=_learn_nothing, sizes=sizes)
+        run_training(request, lambda event: None, lambda note: None)
+        found.append(measure_held_out_psnr(run, part.load(), shown))
+    return found
 
 
 def measure_held_out_psnr(run: Path, clip: Clip, shown: Shown) -> float:

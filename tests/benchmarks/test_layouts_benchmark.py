@@ -40,10 +40,10 @@ def trained(monkeypatch):
     """Nothing is trained: what would have been, and the pixels that would have been compared, by run."""
     trained = {}
 
-    def train(part, run, shown, seed=0):
-        trained[run.name] = part, shown
+    def train(part, runs, shown, seeds):
+        trained[runs.name] = part, shown
         assert len(shown) == len(part.load().held_out_frames)
-        return 20.0 + 0.25 * run.name.startswith("layout") + 0.1 * seed
+        return [20.0 + 0.25 * runs.name.startswith("layout") + 0.1 * seed for seed in range(seeds)]
 
     monkeypatch.setattr(train_layout, "train_for_psnr", train)
     return trained
@@ -51,14 +51,15 @@ def trained(monkeypatch):
 
 def test_the_gap_is_that_to_the_same_cameras_of_the_original(tmp_path, trained, capsys):
     clip = write_layout("drivestudio", tmp_path / "clip")
-    found = measure_layouts(Options(clip, steps=5, layouts=("T4", "KITTI raw"), train=True, iterations=30))
+    found = measure_layouts(Options(clip, steps=5, layouts=("T4", "KITTI raw"), train=True, iterations=30, seeds=2))
     assert [entry["psnr_gap"] for entry in found["layouts"].values()] == [0.25, 0.25]
+    assert [entry["psnr"] for entry in found["layouts"].values()] == [20.3, 20.3]
     assert [entry["psnr_noise"] for entry in found["layouts"].values()] == [0.1, 0.1]
     originals = [part for part, _ in trained.values() if part.path == clip]
-    assert [part.options.cameras for part in originals] == 2 * ["camera_0"] + 2 * ["camera_0,camera_1"]
+    assert [part.options.cameras for part in originals] == ["camera_0", "camera_0,camera_1"]
     assert {(part.options.first_frame, part.options.last_frame) for part in originals} == {(0, 4)}
     assert {part.iterations for part, _ in trained.values()} == {30}
-    assert "KITTI raw: 20.250 dB, gap +0.250 dB" in capsys.readouterr().err
+    assert "KITTI raw: 20.250, 20.350 dB, gap +0.250 dB" in capsys.readouterr().err
 
 
 def test_layouts_are_measured_on_the_pixels_that_the_original_trains(tmp_path, trained, monkeypatch):
@@ -67,7 +68,7 @@ def test_layouts_are_measured_on_the_pixels_that_the_original_trains(tmp_path, t
     monkeypatch.setattr(small_clip, "LIDAR_STEPS", (0, 2))
     clip = write_small_clip(tmp_path / "clip")
     measure_layouts(Options(clip, steps=6, layouts=("drivestudio",), train=True))
-    assert len(trained) == 3
+    assert len(trained) == 2
     for _, (front, back) in trained.values():
         assert front is None
         assert back[:27].all()
@@ -85,7 +86,7 @@ def test_training_is_measured_on_the_shown_pixels_of_held_out_photos(tmp_path):
     part = PartOfDrive(write_layout("drivestudio", tmp_path / "clip"), ClipOptions(), iterations=2)
     upper = np.zeros((36, 64), bool)
     upper[:9] = True
-    whole = train_for_psnr(part, tmp_path / "run", (None, None))
+    (whole,) = train_for_psnr(part, tmp_path, (None, None))
     assert 5 < whole < 30
-    assert measure_held_out_psnr(tmp_path / "run", part.load(), (upper, upper)) != pytest.approx(whole, abs=1e-3)
-    assert measure_held_out_psnr(tmp_path / "run", part.load(), (None, upper | True)) == pytest.approx(whole)
+    assert measure_held_out_psnr(tmp_path / "0", part.load(), (upper, upper)) != pytest.approx(whole, abs=1e-3)
+    assert measure_held_out_psnr(tmp_path / "0", part.load(), (None, upper | True)) == pytest.approx(whole)
