@@ -16,7 +16,8 @@ Boxes are world from box with their sizes along x, y, z; x is forward but for Pa
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -76,14 +77,21 @@ class _Convention:
     """Intensity that counts as 1."""
     box_axes: Pose
     """The file's box from a track's."""
+    car: Mapping[int, tuple[int, int]] = field(default_factory=dict)
+    """By camera: rows at the bottom that show the recording car, of so many that the photos have as they were taken."""
 
 
-_PANDASET = _Convention(True, np.eye(4), 5, 0, 3, 4, 255.0, np.eye(4))
-_NUSCENES = _Convention(True, np.eye(4), 4, 0, 3, None, 255.0, FORWARD_X)
+# The rows of cars are those that drivestudio's own `data/ego_masks` cover; they are no part of a scene's folder.
+_PANDASET = _Convention(True, np.eye(4), 5, 0, 3, 4, 255.0, np.eye(4), {5: (258, 1080)})
+_NUSCENES = _Convention(True, np.eye(4), 4, 0, 3, None, 255.0, FORWARD_X, {5: (92, 900)})
 _WAYMO = _Convention(False, CAR_FROM_OPENCV, 14, 3, 11, 13, 1.0, FORWARD_X)
-_NUPLAN = _Convention(False, np.eye(4), 6, 0, 3, 5, 255.0, FORWARD_X)
-_ARGOVERSE = _Convention(False, np.eye(4), 4, 0, 3, None, 255.0, FORWARD_X)
-_KITTI = replace(_ARGOVERSE, brightest=1.0)
+_NUPLAN = _Convention(
+    False, np.eye(4), 6, 0, 3, 5, 255.0, FORWARD_X, {1: (94, 1080), 2: (84, 1080), 5: (110, 1080), 6: (110, 1080)}
+)
+_ARGOVERSE = _Convention(
+    False, np.eye(4), 4, 0, 3, None, 255.0, FORWARD_X, {0: (255, 2048), 5: (235, 1550), 6: (247, 1550)}
+)
+_KITTI = replace(_ARGOVERSE, brightest=1.0, car={})
 
 
 def holds_drivestudio(path: str | Path) -> bool:
@@ -134,7 +142,7 @@ def read_drivestudio(root: Path) -> Recording:
     return Recording(
         root=root,
         name=root.resolve().name,
-        lenses={f"camera_{camera}": _read_lens(root, camera, listed) for camera in cameras},
+        lenses={f"camera_{camera}": _read_lens(root, camera, listed, convention) for camera in cameras},
         step_times={step: STEP_SECONDS * step for step in steps},
         photos=photos,
         sweeps=sweeps,
@@ -194,12 +202,14 @@ def _pose_photo(
     return frames[step] @ places[camera]
 
 
-def _read_lens(root: Path, camera: int, listed: list[tuple[int, int, Path]]) -> Lens:
+def _read_lens(root: Path, camera: int, listed: list[tuple[int, int, Path]], convention: _Convention) -> Lens:
     file = root / "intrinsics" / f"{camera}.txt"
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = map(float, read_number_text(file, (9,)))
     size = read_photo_size(next(photo for _, number, photo in listed if number == camera))
     full = build_camera(file, "the camera", (fx, fy, cx, cy), size)
-    return Lens(full, Distortion((k1, k2, k3), (p1, p2)))
+    rows, height = convention.car.get(camera, (0, 0))
+    hidden = rows / height if full.height == height else 0.0
+    return Lens(full, Distortion((k1, k2, k3), (p1, p2)), hidden)
 
 
 def _list_sweeps(root: Path, frames: dict[int, Pose]) -> list[tuple[int, Path]]:

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 from small_clip import WHOLE, write_layout
 
 from instdrive_core.datasets.clip_comparison import compare_clips
@@ -84,6 +85,39 @@ def test_what_is_not_there_is_said_or_left_out(folder):
     assert any("no LiDAR" in note for note in clip.notes)
     assert any("not read: sky_masks" in note for note in clip.notes)
     assert any("no times" in note for note in clip.notes)
+
+
+def use_rear_camera(folder, size):
+    """Camera 1 becomes camera 5, whose photos have this size."""
+    for part, endings in (("images", "jpg"), ("extrinsics", "txt"), ("intrinsics", "txt")):
+        for file in (folder / part).glob(f"*1.{endings}"):
+            if file.stem == "1" or file.stem.endswith("_1"):
+                file.rename(file.with_name(f"{file.stem[:-1]}5.{endings}"))
+    for file in (folder / "images").glob("*_5.jpg"):
+        Image.new("RGB", size).save(file)
+
+
+@pytest.mark.parametrize(
+    ("size", "hidden"),
+    [((1920, 1080), 258), ((1280, 720), 0)],
+)
+def test_the_recording_car_is_hidden_in_photos_of_pandasets_size(folder, size, hidden):
+    use_rear_camera(folder, size)
+    frames = load_clip(str(folder), WHOLE).frames
+    assert {frame.view.name for frame in frames} == {"camera_0", "camera_5"}
+    for frame in frames:
+        shown = frame.valid
+        if frame.view.name == "camera_0" or not hidden:
+            assert shown is None
+        else:
+            assert shown[:-hidden].all()
+            assert not shown[-hidden:].any()
+
+
+def test_each_data_set_has_its_own_car(folder):
+    use_rear_camera(convert(folder, "nuscenes"), (1600, 900))
+    frames = load_clip(str(folder.parent / "nuscenes"), WHOLE).frames
+    assert [frame.valid.sum() for frame in frames if frame.view.name == "camera_5"] == 5 * [1600 * (900 - 92)]
 
 
 def edit(folder, change):
