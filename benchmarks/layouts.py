@@ -155,7 +155,7 @@ class _Reference:
     """What training from the original gives."""
 
     psnr: list[float]
-    """Of each seed, in dB."""
+    """A figure for each seed, in dB."""
     shown: tuple[Bool[ndarray, "h w"] | None, ...]
     """Pixels of each held-out photo that are compared."""
 
