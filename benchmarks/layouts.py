@@ -67,7 +67,9 @@ def measure_layouts(options: Options) -> dict[str, Any]:
             _measure_gaps(original, found, folder, options)
         for entry in found.values():
             del entry["folder"]
-        return {"clip": original.name, "steps": options.steps, "layouts": found}
+        training = {"iterations": options.iterations, "seeds": options.seeds} if options.train else {}
+        size = {"width": max(frame.view.camera.width for frame in original.frames)}
+        return {"clip": original.name, "steps": options.steps, **size, **training, "layouts": found}
 
 
 def _load_part(source: Path, steps: int, train: bool) -> Clip:

@@ -53,6 +53,7 @@ def test_the_gap_is_that_to_the_same_cameras_of_the_original(tmp_path, trained, 
     clip = write_layout("drivestudio", tmp_path / "clip")
     found = measure_layouts(Options(clip, steps=5, layouts=("T4", "KITTI raw"), train=True, iterations=30, seeds=2))
     assert [entry["psnr_gap"] for entry in found["layouts"].values()] == [0.25, 0.25]
+    assert (found["width"], found["iterations"], found["seeds"]) == (64, 30, 2)
     assert [entry["psnr"] for entry in found["layouts"].values()] == [20.3, 20.3]
     assert [entry["psnr_noise"] for entry in found["layouts"].values()] == [0.1, 0.1]
     originals = [part for part, _ in trained.values() if part.path == clip]
