@@ -14,7 +14,7 @@ from PIL import Image
 
 from instdrive_core.datasets.capture.candidates import list_photo_files, measure_candidates, read_pictures
 from instdrive_core.datasets.capture.choice import FEWEST, choose_pictures
-from instdrive_core.datasets.capture.structure import FoundPoses, OnStage, find_poses
+from instdrive_core.datasets.capture.poses import FoundPoses, OnStage, find_poses
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.atomic import replace_atomically, write_bytes
 from instdrive_core.files.json_fields import read_json, require_field

@@ -12,8 +12,9 @@ from instdrive_app.main import main
 from instdrive_core.datasets.capture import prepare
 from instdrive_core.datasets.capture.candidates import Candidate, measure_candidates
 from instdrive_core.datasets.capture.choice import PARALLAX, choose_pictures
+from instdrive_core.datasets.capture.poses import FoundPoses
 from instdrive_core.datasets.capture.prepare import Preparation, prepare_clip
-from instdrive_core.datasets.capture.structure import FoundPoses, choose_pairs
+from instdrive_core.datasets.capture.structure import choose_pairs
 from instdrive_core.errors import DataError, OptionError
 
 WIDTH, HEIGHT, COUNT, STEP = 160, 120, 30, 4

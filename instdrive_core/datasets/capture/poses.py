@@ -1,0 +1,197 @@
+"""Poses of photos, found by a process of its own: pycolmap brings libraries that can end a whole program where an
+environment mixes packages, and nothing but ending the process interrupts its longer steps.
+
+The process gets its task as a line of JSON and answers with lines of JSON, each of which it wants acknowledged before
+it goes on; it ends where nobody listens any more. The model comes as a folder of COLMAP's files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from shutil import rmtree
+from tempfile import mkdtemp
+from threading import Thread
+from typing import IO, Any
+
+from instdrive_core.errors import DataError
+
+OnStage = Callable[[str, int, int], None]
+"""Is told the title of a step, how much is done, and how much there is."""
+_PROCESS = "instdrive_core.datasets.capture.pose_process"
+_SCRATCH = ".poses-"
+_HEARTBEAT = 0.25
+"""Seconds after which `OnStage` is told the last news again, so that it may cancel meanwhile."""
+_CLASH = (
+    "Run the same command again, what was found is kept. If that does not help, install InstDrive into an environment "
+    "of its own (python -m venv), with `pip install 'instdrive[capture]'`: other packages may bring libraries that clash"
+)
+_MEMORY = (
+    "Close other programs or take fewer photos (--most) or smaller ones, then run the same command again: what was "
+    "found is kept"
+)
+
+
+@dataclass(frozen=True)
+class FoundPoses:
+    """What structure from motion made of the photos."""
+
+    photos: int
+    """Photos with a pose."""
+    points: int
+    error: float
+    """Mean distance in pixels between points and where photos show them."""
+
+
+def find_poses(folder: Path, names: list[str], lens: str, is_video: bool, on_stage: OnStage) -> FoundPoses:
+    """Find poses of the photos `names` below ``images`` and write the largest model to ``sparse/0``.
+
+    What `on_stage` raises ends the work at once; it is called several times a second.
+
+    Raises DataError where no model comes about, or where pycolmap cannot be loaded, fails or crashes;
+    ModuleNotFoundError without pycolmap.
+    """
+    if find_spec("pycolmap") is None:
+        raise ModuleNotFoundError("No module named 'pycolmap'", name="pycolmap")
+    with _make_scratch(folder) as scratch:
+        task = {"folder": str(folder), "names": names, "lens": lens, "is_video": is_video, "scratch": str(scratch)}
+        answer = _work(folder, task, scratch / "said.txt", on_stage)
+        if answer["photos"] is None:
+            problem = "no poses could be found: too few corners of one photo are found again in others"
+            remedy = "Take pictures while moving, sharp ones with much overlap, or use more of them (--most)"
+            raise DataError(folder, problem, remedy)
+        _move_model(scratch / "model", folder / "sparse" / "0")
+    return FoundPoses(answer["photos"], answer["points"], answer["error"])
+
+
+@contextmanager
+def _make_scratch(folder: Path) -> Iterator[Path]:
+    """A folder for what is written meanwhile; those that killed programs left behind are removed."""
+    for old in folder.glob(f"{_SCRATCH}*"):
+        rmtree(old, ignore_errors=True)
+    scratch = Path(mkdtemp(prefix=_SCRATCH, dir=folder))
+    try:
+        yield scratch
+    finally:
+        rmtree(scratch, ignore_errors=True)
+
+
+def _work(folder: Path, task: dict[str, Any], said: Path, on_stage: OnStage) -> dict[str, Any]:
+    """The answer of a process that does the task; what it complains of goes to the file `said`."""
+    with said.open("wb") as complaints:
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", _PROCESS],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=complaints,
+            start_new_session=True,  # Ctrl+C is for this program, which ends the other one
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+        )
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        answer = _listen(process.stdin, process.stdout, task, on_stage)
+        if answer is None:
+            code = process.wait()
+            raise DataError(folder, *_explain_end(code, _read_end(said)))
+        if answer.get("kind") == "data":
+            raise DataError(answer["path"], answer["problem"], answer["remedy"])
+        if "problem" in answer:
+            raise DataError(folder, *_explain_problem(answer))
+        return answer
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        _close_quietly(process.stdin)
+
+
+def _listen(stdin: IO[bytes], stdout: IO[bytes], task: dict[str, Any], on_stage: OnStage) -> dict[str, Any] | None:
+    """The last line of a process, after its news were passed on; None where it ended without one."""
+    lines: SimpleQueue[bytes] = SimpleQueue()
+
+    def read() -> None:
+        for line in stdout:
+            lines.put(line)
+        lines.put(b"")
+
+    Thread(target=read, daemon=True).start()
+    news = "finding features", 0, len(task["names"])
+    _send(stdin, json.dumps(task))
+    while True:
+        try:
+            line = lines.get(timeout=_HEARTBEAT)
+        except Empty:
+            on_stage(*news)
+            continue
+        if not line.endswith(b"\n"):
+            return None
+        answer = json.loads(line)
+        if "stage" not in answer:
+            return answer
+        news = answer["stage"], answer["done"], answer["total"]
+        on_stage(*news)
+        _send(stdin, "")
+
+
+def _send(stdin: IO[bytes], text: str) -> None:
+    try:
+        stdin.write(f"{text}\n".encode())
+        stdin.flush()
+    except OSError:  # the process has ended; what it printed last tells more
+        pass
+
+
+def _close_quietly(stdin: IO[bytes]) -> None:
+    try:
+        stdin.close()
+    except OSError:
+        pass
+
+
+def _explain_end(code: int, said: str) -> tuple[str, str]:
+    """Problem and remedy for a process that ended without an answer."""
+    killed = os.name == "posix" and code == -signal.SIGKILL
+    how = f"by {_name_signal(-code)}" if code < 0 else f"with exit code {code}"
+    problem = f"the process that finds poses (pycolmap) was ended {how}"
+    if killed:
+        return f"{problem}; systems do that where memory runs out", _MEMORY
+    return problem + (f": {said}" if said else ""), _CLASH
+
+
+def _explain_problem(answer: dict[str, Any]) -> tuple[str, str]:
+    """Problem and remedy for an error that the process has seen."""
+    said, kind = " ".join(answer["problem"].split()).rstrip("."), answer["kind"]
+    if kind == "memory":
+        return "memory ran out while poses were looked for", _MEMORY
+    if kind == "import":
+        return f"pycolmap is installed but cannot be loaded ({said})", _CLASH
+    return f"pycolmap failed ({said})", _CLASH
+
+
+def _name_signal(number: int) -> str:
+    try:
+        return f"the signal {signal.Signals(number).name}"
+    except ValueError:
+        return f"signal {number}"
+
+
+def _read_end(said: Path) -> str:
+    """The last line that a process complained with, 300 characters at most."""
+    lines = said.read_bytes()[-4096:].decode("utf-8", "replace").strip().splitlines()
+    return " ".join(lines[-1].split())[:300].rstrip(".") if lines else ""
+
+
+def _move_model(source: Path, folder: Path) -> None:
+    """Move the model's files; cameras last, as the folder is a clip from then on."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in sorted(source.iterdir(), key=lambda file: file.name == "cameras.bin"):
+        file.replace(folder / file.name)
