@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,7 +33,7 @@ _HEARTBEAT = 0.25
 """Seconds after which `OnStage` is told the last news again, so that it may cancel meanwhile."""
 _CLASH = (
     "Run the same command again, what was found is kept. If that does not help, install InstDrive into an environment "
-    "of its own (python -m venv), with `pip install 'instdrive[capture]'`: other packages may bring libraries that clash"
+    "of its own (python -m venv), with pip install 'instdrive[capture]': other packages may bring libraries that clash"
 )
 _MEMORY = (
     "Close other programs or take fewer photos (--most) or smaller ones, then run the same command again: what was "
@@ -60,8 +60,7 @@ def find_poses(folder: Path, names: list[str], lens: str, is_video: bool, on_sta
     Raises DataError where no model comes about, or where pycolmap cannot be loaded, fails or crashes;
     ModuleNotFoundError without pycolmap.
     """
-    if find_spec("pycolmap") is None:
-        raise ModuleNotFoundError("No module named 'pycolmap'", name="pycolmap")
+    require_pycolmap()
     with _make_scratch(folder) as scratch:
         task = {"folder": str(folder), "names": names, "lens": lens, "is_video": is_video, "scratch": str(scratch)}
         answer = _work(folder, task, scratch / "said.txt", on_stage)
@@ -71,6 +70,12 @@ def find_poses(folder: Path, names: list[str], lens: str, is_video: bool, on_sta
             raise DataError(folder, problem, remedy)
         _move_model(scratch / "model", folder / "sparse" / "0")
     return FoundPoses(answer["photos"], answer["points"], answer["error"])
+
+
+def require_pycolmap() -> None:
+    """Raise ModuleNotFoundError where pycolmap is not installed; it is not loaded."""
+    if find_spec("pycolmap") is None:
+        raise ModuleNotFoundError("No module named 'pycolmap'", name="pycolmap")
 
 
 @contextmanager
@@ -96,7 +101,8 @@ def _work(folder: Path, task: dict[str, Any], said: Path, on_stage: OnStage) -> 
             start_new_session=True,  # Ctrl+C is for this program, which ends the other one
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         )
-    assert process.stdin is not None and process.stdout is not None
+    assert process.stdin is not None
+    assert process.stdout is not None
     try:
         answer = _listen(process.stdin, process.stdout, task, on_stage)
         if answer is None:
@@ -111,7 +117,8 @@ def _work(folder: Path, task: dict[str, Any], said: Path, on_stage: OnStage) -> 
         process.kill()
         process.wait()
         process.stdout.close()
-        _close_quietly(process.stdin)
+        with suppress(OSError):
+            process.stdin.close()
 
 
 def _listen(stdin: IO[bytes], stdout: IO[bytes], task: dict[str, Any], on_stage: OnStage) -> dict[str, Any] | None:
@@ -143,18 +150,9 @@ def _listen(stdin: IO[bytes], stdout: IO[bytes], task: dict[str, Any], on_stage:
 
 
 def _send(stdin: IO[bytes], text: str) -> None:
-    try:
+    with suppress(OSError):  # where the process has ended, what it printed last tells more
         stdin.write(f"{text}\n".encode())
         stdin.flush()
-    except OSError:  # the process has ended; what it printed last tells more
-        pass
-
-
-def _close_quietly(stdin: IO[bytes]) -> None:
-    try:
-        stdin.close()
-    except OSError:
-        pass
 
 
 def _explain_end(code: int, said: str) -> tuple[str, str]:

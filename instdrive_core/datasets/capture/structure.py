@@ -3,11 +3,13 @@ where an earlier one was interrupted, as the database beside the photos keeps wh
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from instdrive_core.available_memory import measure_available_memory
 from instdrive_core.datasets.capture.poses import FoundPoses, OnStage
 from instdrive_core.datasets.photos import read_photo_size
 
@@ -22,6 +24,10 @@ _LEAST_ANGLE, _LEAST_MATCHES = 4.0, 40
 around an object; drives ahead have no such pair."""
 _PHOTOS_AT_A_TIME, _PAIRS_AT_A_TIME = 8, 40
 """Between reports. What is done is in the database, which nobody else may open meanwhile."""
+_LONGEST_SIDE = 2400
+"""Pixels of the longer side at which features are looked for; larger photos are reduced first, poses are not."""
+_BYTES_PER_PIXEL = 200.0
+"""Memory while features of one photo are looked for: 2.25 GB were measured at 4096×3072 pixels."""
 
 
 def build_model(
@@ -35,10 +41,11 @@ def build_model(
     pycolmap = import_module("pycolmap")
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL)
     photos, count = folder / "images", len(names)
-    one = len({read_photo_size(photos / name) for name in names}) == 1
+    sizes = {read_photo_size(photos / name) for name in names}
+    one, threads = len(sizes) == 1, choose_threads(max(sizes, key=max), measure_available_memory(), os.cpu_count() or 1)
     for start in range(0, count, _PHOTOS_AT_A_TIME):
         on_stage("finding features", start, count)
-        _find_features(folder, names[start : start + _PHOTOS_AT_A_TIME], lens, one)
+        _find_features(folder, names[start : start + _PHOTOS_AT_A_TIME], lens, one, threads)
     on_stage("finding features", count, count)
     pairs, listing = choose_pairs(count, is_video), scratch / "pairs.txt"
     for start in range(0, len(pairs), _PAIRS_AT_A_TIME):
@@ -62,7 +69,15 @@ def choose_pairs(count: int, is_video: bool) -> list[tuple[int, int]]:
     return [(place, place + step) for place in range(count) for step in steps if place + step < count]
 
 
-def _find_features(folder: Path, names: list[str], lens: str, one: bool) -> None:
+def choose_threads(size: tuple[int, int], free: float, cores: int) -> int:
+    """Choose how many photos are looked at side by side, by width and height of the largest, free bytes and cores: half
+    of the memory is left to others."""
+    scale = min(1.0, _LONGEST_SIDE / max(size))
+    needed = size[0] * size[1] * scale**2 * _BYTES_PER_PIXEL
+    return max(1, min(cores, int(0.5 * free / needed)))
+
+
+def _find_features(folder: Path, names: list[str], lens: str, one: bool, threads: int) -> None:
     """Find features of some photos; those that have some are passed over."""
     pycolmap = import_module("pycolmap")
     database = pycolmap.Database.open(folder / DATABASE)
@@ -73,7 +88,10 @@ def _find_features(folder: Path, names: list[str], lens: str, one: bool) -> None
         reader.existing_camera_id = cameras[0]
     mode = pycolmap.CameraMode.SINGLE if one else pycolmap.CameraMode.PER_IMAGE
     device = pycolmap.Device.cpu
-    pycolmap.extract_features(folder / DATABASE, folder / "images", names, mode, reader_options=reader, device=device)
+    options = pycolmap.FeatureExtractionOptions(max_image_size=_LONGEST_SIDE, num_threads=threads)
+    pycolmap.extract_features(
+        folder / DATABASE, folder / "images", names, mode, reader, extraction_options=options, device=device
+    )
 
 
 def _match(folder: Path, pairs: list[tuple[str, str]], listing: Path) -> None:
