@@ -35,9 +35,9 @@ def _run() -> None:
         acknowledged.get()
 
     Thread(target=watch, daemon=True).start()
-    folder, scratch = Path(task["folder"]), Path(task["scratch"])
+    folder, scratch, careful = Path(task["folder"]), Path(task["scratch"]), task["is_careful"]
     try:
-        found = build_model(folder, task["names"], task["lens"], task["is_video"], scratch, tell_stage)
+        found = build_model(folder, task["names"], task["lens"], task["is_video"], scratch, tell_stage, careful)
     except MemoryError as error:
         tell(kind="memory", problem=str(error))
     except ImportError as error:

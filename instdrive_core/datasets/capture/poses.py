@@ -29,6 +29,10 @@ OnStage = Callable[[str, int, int], None]
 """Is told the title of a step, how much is done, and how much there is."""
 _PROCESS = "instdrive_core.datasets.capture.pose_process"
 _SCRATCH = ".poses-"
+_STARTS = 6
+"""Times that a process is started which crashes. pycolmap 4.2.1 reads memory that is not its own where corners of two
+photos fit a plane (PoseLib's `relpose_6pt_shared_focal`). The next time pairs are matched one by one, so that each that
+was matched is kept; random numbers differ."""
 _HEARTBEAT = 0.25
 """Seconds after which `OnStage` is told the last news again, so that it may cancel meanwhile."""
 _CLASH = (
@@ -39,6 +43,14 @@ _MEMORY = (
     "Close other programs or take fewer photos (--most) or smaller ones, then run the same command again: what was "
     "found is kept"
 )
+
+
+class _EndedError(DataError):
+    """The process ended without an answer, with this exit code or, negative, by this signal."""
+
+    def __init__(self, folder: Path, code: int, said: str) -> None:
+        super().__init__(folder, *_explain_end(code, said))
+        self.code = code
 
 
 @dataclass(frozen=True)
@@ -61,15 +73,23 @@ def find_poses(folder: Path, names: list[str], lens: str, is_video: bool, on_sta
     ModuleNotFoundError without pycolmap.
     """
     require_pycolmap()
-    with _make_scratch(folder) as scratch:
-        task = {"folder": str(folder), "names": names, "lens": lens, "is_video": is_video, "scratch": str(scratch)}
-        answer = _work(folder, task, scratch / "said.txt", on_stage)
-        if answer["photos"] is None:
-            problem = "no poses could be found: too few corners of one photo are found again in others"
-            remedy = "Take pictures while moving, sharp ones with much overlap, or use more of them (--most)"
-            raise DataError(folder, problem, remedy)
-        _move_model(scratch / "model", folder / "sparse" / "0")
-    return FoundPoses(answer["photos"], answer["points"], answer["error"])
+    task = {"folder": str(folder), "names": names, "lens": lens, "is_video": is_video}
+    for start in range(1, _STARTS + 1):
+        with _make_scratch(folder) as scratch:
+            try:
+                again = {"scratch": str(scratch), "is_careful": start > 1}
+                answer = _work(folder, task | again, scratch / "said.txt", on_stage)
+            except _EndedError as ended:
+                if start == _STARTS or not _is_crash(ended.code):
+                    raise
+                continue
+            if answer["photos"] is None:
+                problem = "no poses could be found: too few corners of one photo are found again in others"
+                remedy = "Take pictures while moving, sharp ones with much overlap, or use more of them (--most)"
+                raise DataError(folder, problem, remedy)
+            _move_model(scratch / "model", folder / "sparse" / "0")
+            return FoundPoses(answer["photos"], answer["points"], answer["error"])
+    raise AssertionError("the last start returns or raises")
 
 
 def require_pycolmap() -> None:
@@ -106,8 +126,7 @@ def _work(folder: Path, task: dict[str, Any], said: Path, on_stage: OnStage) -> 
     try:
         answer = _listen(process.stdin, process.stdout, task, on_stage)
         if answer is None:
-            code = process.wait()
-            raise DataError(folder, *_explain_end(code, _read_end(said)))
+            raise _EndedError(folder, process.wait(), _read_end(said))
         if answer.get("kind") == "data":
             raise DataError(answer["path"], answer["problem"], answer["remedy"])
         if "problem" in answer:
@@ -157,12 +176,20 @@ def _send(stdin: IO[bytes], text: str) -> None:
 
 def _explain_end(code: int, said: str) -> tuple[str, str]:
     """Problem and remedy for a process that ended without an answer."""
-    killed = os.name == "posix" and code == -signal.SIGKILL
     how = f"by {_name_signal(-code)}" if code < 0 else f"with exit code {code}"
     problem = f"the process that finds poses (pycolmap) was ended {how}"
-    if killed:
+    if _is_killed(code):
         return f"{problem}; systems do that where memory runs out", _MEMORY
-    return problem + (f": {said}" if said else ""), _CLASH
+    return problem + (f", {_STARTS} times in a row" if _is_crash(code) else "") + (f": {said}" if said else ""), _CLASH
+
+
+def _is_killed(code: int) -> bool:
+    return os.name == "posix" and code == -signal.SIGKILL
+
+
+def _is_crash(code: int) -> bool:
+    """Whether the process ended by a fault of its own: a signal, or one of Windows' large codes."""
+    return (code < 0 and not _is_killed(code) and code != -signal.SIGTERM) or code >= 0xC0000000
 
 
 def _explain_problem(answer: dict[str, Any]) -> tuple[str, str]:
@@ -183,9 +210,10 @@ def _name_signal(number: int) -> str:
 
 
 def _read_end(said: Path) -> str:
-    """The last line that a process complained with, 300 characters at most."""
-    lines = said.read_bytes()[-4096:].decode("utf-8", "replace").strip().splitlines()
-    return " ".join(lines[-1].split())[:300].rstrip(".") if lines else ""
+    """The last line that a process complained with, stack traces left out, 300 characters at most."""
+    lines = said.read_bytes()[-8192:].decode("utf-8", "replace").splitlines()
+    kept = [line for line in map(str.strip, lines) if line and not line.startswith(("***", "PC:", "@"))]
+    return " ".join(kept[-1].split())[:300].rstrip(".") if kept else ""
 
 
 def _move_model(source: Path, folder: Path) -> None:

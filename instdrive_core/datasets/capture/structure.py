@@ -31,10 +31,16 @@ _BYTES_PER_PIXEL = 200.0
 
 
 def build_model(
-    folder: Path, names: list[str], lens: str, is_video: bool, scratch: Path, on_stage: OnStage
+    folder: Path,
+    names: list[str],
+    lens: str,
+    is_video: bool,
+    scratch: Path,
+    on_stage: OnStage,
+    is_careful: bool = False,
 ) -> FoundPoses | None:
     """Find poses of the photos `names` below ``images`` and write the largest model to ``model`` in the folder
-    `scratch`; None where there is no model of three photos.
+    `scratch`; None where there is no model of three photos. With `is_careful` each match is kept before the next.
 
     Raises ImportError without pycolmap, and what pycolmap raises.
     """
@@ -48,9 +54,10 @@ def build_model(
         _find_features(folder, names[start : start + _PHOTOS_AT_A_TIME], lens, one, threads)
     on_stage("finding features", count, count)
     pairs, listing = choose_pairs(count, is_video), scratch / "pairs.txt"
-    for start in range(0, len(pairs), _PAIRS_AT_A_TIME):
+    step = 1 if is_careful else _PAIRS_AT_A_TIME
+    for start in range(0, len(pairs), step):
         on_stage("matching photos", start, len(pairs))
-        _match(folder, [(names[a], names[b]) for a, b in pairs[start : start + _PAIRS_AT_A_TIME]], listing)
+        _match(folder, [(names[a], names[b]) for a, b in pairs[start : start + step]], listing)
     on_stage("matching photos", len(pairs), len(pairs))
     best = _place_photos(folder, count, scratch / "models", on_stage)
     if best is None or best.num_reg_images() < 3:
