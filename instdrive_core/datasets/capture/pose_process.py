@@ -10,7 +10,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 
-from instdrive_core.datasets.capture.structure import build_model
+from instdrive_core.datasets.capture.structure import build_sparse_model
 from instdrive_core.errors import DataError
 
 
@@ -35,9 +35,10 @@ def _run() -> None:
         acknowledged.get()
 
     Thread(target=watch, daemon=True).start()
-    folder, scratch, careful = Path(task["folder"]), Path(task["scratch"]), task["is_careful"]
+    folder, scratch, careful, skipped = Path(task["folder"]), Path(task["scratch"]), task["is_careful"], task["skipped"]
     try:
-        found = build_model(folder, task["names"], task["lens"], task["is_video"], scratch, tell_stage, careful)
+        how = task["names"], task["lens"], task["is_video"]
+        found = build_sparse_model(folder, *how, scratch, tell_stage, careful, tuple(skipped))
     except MemoryError as error:
         tell(kind="memory", problem=str(error))
     except ImportError as error:

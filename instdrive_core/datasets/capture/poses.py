@@ -29,10 +29,10 @@ OnStage = Callable[[str, int, int], None]
 """Is told the title of a step, how much is done, and how much there is."""
 _PROCESS = "instdrive_core.datasets.capture.pose_process"
 _SCRATCH = ".poses-"
-_STARTS = 6
+_STARTS = 12
 """Times that a process is started which crashes. pycolmap 4.2.1 reads memory that is not its own where corners of two
 photos fit a plane (PoseLib's `relpose_6pt_shared_focal`). The next time pairs are matched one by one, so that each that
-was matched is kept; random numbers differ."""
+was matched is kept, and the pair that crashed is left out from then on."""
 _HEARTBEAT = 0.25
 """Seconds after which `OnStage` is told the last news again, so that it may cancel meanwhile."""
 _CLASH = (
@@ -74,14 +74,23 @@ def find_poses(folder: Path, names: list[str], lens: str, is_video: bool, on_sta
     """
     require_pycolmap()
     task = {"folder": str(folder), "names": names, "lens": lens, "is_video": is_video}
+    last, skipped = ("", 0, 0), list[int]()
+
+    def remember(title: str, done: int, total: int) -> None:
+        nonlocal last
+        last = title, done, total
+        on_stage(title, done, total)
+
     for start in range(1, _STARTS + 1):
         with _make_scratch(folder) as scratch:
             try:
-                again = {"scratch": str(scratch), "is_careful": start > 1}
-                answer = _work(folder, task | again, scratch / "said.txt", on_stage)
+                again = {"scratch": str(scratch), "is_careful": start > 1, "skipped": skipped}
+                answer = _work(folder, task | again, scratch / "said.txt", remember)
             except _EndedError as ended:
                 if start == _STARTS or not _is_crash(ended.code):
                     raise
+                if start > 1 and last[0] == "matching photos":
+                    skipped.append(last[1])
                 continue
             if answer["photos"] is None:
                 problem = "no poses could be found: too few corners of one photo are found again in others"

@@ -30,7 +30,7 @@ _BYTES_PER_PIXEL = 200.0
 """Memory while features of one photo are looked for: 2.25 GB were measured at 4096×3072 pixels."""
 
 
-def build_model(
+def build_sparse_model(
     folder: Path,
     names: list[str],
     lens: str,
@@ -38,9 +38,11 @@ def build_model(
     scratch: Path,
     on_stage: OnStage,
     is_careful: bool = False,
+    skipped: tuple[int, ...] = (),
 ) -> FoundPoses | None:
     """Find poses of the photos `names` below ``images`` and write the largest model to ``model`` in the folder
-    `scratch`; None where there is no model of three photos. With `is_careful` each match is kept before the next.
+    `scratch`; None where there is no model of three photos. With `is_careful` each match is kept before the next, and
+    pairs at the places `skipped` are not matched.
 
     Raises ImportError without pycolmap, and what pycolmap raises.
     """
@@ -57,7 +59,8 @@ def build_model(
     step = 1 if is_careful else _PAIRS_AT_A_TIME
     for start in range(0, len(pairs), step):
         on_stage("matching photos", start, len(pairs))
-        _match(folder, [(names[a], names[b]) for a, b in pairs[start : start + step]], listing)
+        if not is_careful or start not in skipped:
+            _match(folder, [(names[a], names[b]) for a, b in pairs[start : start + step]], listing)
     on_stage("matching photos", len(pairs), len(pairs))
     best = _place_photos(folder, count, scratch / "models", on_stage)
     if best is None or best.num_reg_images() < 3:

@@ -114,12 +114,12 @@ def test_the_model_with_most_photos_arrives_and_progress_is_told(folder, stand_i
     [
         (
             "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
-            "by the signal SIGSEGV, 6 times in a row. Run the same",
+            "by the signal SIGSEGV, 12 times in a row. Run the same",
         ),
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", r"SIGKILL; systems do .* memory .*\(--most\)"),
         (
             "import os; os.write(2, b'OMP: Error 15\\n'); os.abort()",
-            "SIGABRT, 6 times in a row: OMP: Error 15. Run .* .python -m venv",
+            "SIGABRT, 12 times in a row: OMP: Error 15. Run .* .python -m venv",
         ),
         ("import os; os._exit(7)", "process that finds poses .* was ended with exit code 7. Run the same command"),
         ("raise ImportError('libgomp.so.1: no such file')", r"cannot be loaded \(libgomp.so.1: no such file\). Run"),
@@ -151,6 +151,20 @@ def test_a_process_that_crashed_is_started_again(folder, stand_in, tmp_path):
     assert find(folder).photos == 9
     assert (tmp_path / "crashed").exists()
     assert sorted(entry.name for entry in folder.iterdir()) == ["images", "sparse"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_a_pair_of_photos_that_crashes_is_left_out(folder, stand_in):
+    crash = """
+def match_image_pairs(database, pairing_options, device):
+    if "000002.png 000005.png" in Path(pairing_options).read_text():
+        os.abort()
+
+def ImportedPairingOptions(match_list_path):
+    return match_list_path
+"""
+    stand_in(WORKING.replace("EXTRA", "") + crash)
+    assert find(folder).photos == 9
 
 
 def test_no_model_of_three_photos_is_told(folder, stand_in):
