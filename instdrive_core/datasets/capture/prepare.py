@@ -5,16 +5,17 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
+from PIL import Image, ImageOps
 
 from instdrive_core.datasets.capture.candidates import list_photo_files, measure_candidates, read_pictures
 from instdrive_core.datasets.capture.choice import FEWEST, choose_pictures
-from instdrive_core.datasets.capture.structure import FoundPoses, OnStage, find_poses
+from instdrive_core.datasets.capture.poses import FoundPoses, OnStage, find_poses, require_pycolmap
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.atomic import replace_atomically, write_bytes
 from instdrive_core.files.json_fields import read_json, require_field
@@ -22,6 +23,8 @@ from instdrive_core.wording import format_count
 
 STATE = "prepare.json"
 _VERSION = 1
+_ORIENTATION = 0x0112
+"""EXIF's tag of how a photo is to be turned; 1 = as it is."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +50,21 @@ def prepare_clip(asked: Preparation, on_stage: OnStage) -> FoundPoses | None:
     state = _read_state(asked)
     if state is not None and (asked.out / "sparse" / "0" / "cameras.bin").is_file():
         return None
+    require_pycolmap()
     if state is None:
+        _require_place(asked.out)
         state = _describe(asked) | {"pictures": _choose(asked, on_stage)}
-        asked.out.mkdir(parents=True, exist_ok=True)
         write_bytes(asked.out / STATE, json.dumps(state, indent=1).encode())
     names = _write_photos(asked, state["pictures"], on_stage)
     return find_poses(asked.out, names, asked.lens, asked.source.is_file(), on_stage)
+
+
+def _require_place(out: Path) -> None:
+    """Raise DataError where the folder cannot be made or written: it is needed after minutes only."""
+    place = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    if not place.is_dir() or not os.access(place, os.W_OK):
+        problem = "is no folder" if not place.is_dir() else "cannot be written to"
+        raise DataError(place, problem, "Choose another --out")
 
 
 def _describe(asked: Preparation) -> dict[str, Any]:
@@ -83,6 +95,8 @@ def _choose(asked: Preparation, on_stage: OnStage) -> list[int]:
     if asked.source.is_dir():
         files = list_photo_files(asked.source)
         if len(files) <= asked.most:
+            for number, _ in read_pictures(asked.source):  # damaged ones are told before anything is begun
+                on_stage("checking photos", number + 1, len(files))
             return _require_enough(asked, list(range(len(files))))
     total = len(list_photo_files(asked.source)) if asked.source.is_dir() else 0
     found = measure_candidates(asked.source, lambda done: on_stage("looking at pictures", done, total))
@@ -109,7 +123,7 @@ def _write_photos(asked: Preparation, numbers: list[int], on_stage: OnStage) -> 
             target = folder / copies[done]
             if not target.is_file():
                 with replace_atomically(target) as temporary:
-                    shutil.copyfile(files[number], temporary)
+                    _copy_upright(files[number], temporary)
             on_stage("copying photos", done + 1, len(numbers))
         return copies
     names = {number: f"{number:06d}.jpg" for number in numbers}
@@ -126,3 +140,17 @@ def _write_photos(asked: Preparation, numbers: list[int], on_stage: OnStage) -> 
     if left:
         raise DataError(asked.source, f"has no picture {min(left)} any more", "Choose another --out")
     return [names[number] for number in numbers]
+
+
+def _copy_upright(source: Path, target: Path) -> None:
+    """Copy a photo as it is, or turned where its EXIF data say that it lies on its side: COLMAP and its clips know only
+    pixels, and a lying photo would give a lying scene."""
+    with Image.open(source) as image:
+        kind, turned = (
+            image.format,
+            ImageOps.exif_transpose(image) if image.getexif().get(_ORIENTATION, 1) > 1 else None,
+        )
+        if turned is None:
+            shutil.copyfile(source, target)
+        else:
+            turned.save(target, kind, quality=95, exif=turned.getexif())

@@ -1,18 +1,17 @@
-"""Poses of photos by pycolmap: features, matches, and a model that is built photo by photo. Each step goes on where an
-earlier one was interrupted, as the database beside the photos keeps what was found."""
+"""Structure from motion by pycolmap: features, matches, and a model that is built photo by photo. Each step goes on
+where an earlier one was interrupted, as the database beside the photos keeps what was found."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import os
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
+from instdrive_core.available_memory import measure_available_memory
+from instdrive_core.datasets.capture.poses import FoundPoses, OnStage
 from instdrive_core.datasets.photos import read_photo_size
-from instdrive_core.errors import DataError
 
 DATABASE = "colmap.db"
 LENSES = {"simple": "SIMPLE_RADIAL", "opencv": "OPENCV", "fisheye": "OPENCV_FISHEYE"}
@@ -25,45 +24,49 @@ _LEAST_ANGLE, _LEAST_MATCHES = 4.0, 40
 around an object; drives ahead have no such pair."""
 _PHOTOS_AT_A_TIME, _PAIRS_AT_A_TIME = 8, 40
 """Between reports. What is done is in the database, which nobody else may open meanwhile."""
-OnStage = Callable[[str, int, int], None]
-"""Is told the title of a step, how much is done, and how much there is."""
+_LONGEST_SIDE = 2400
+"""Pixels of the longer side at which features are looked for; larger photos are reduced first, poses are not."""
+_BYTES_PER_PIXEL = 200.0
+"""Memory while features of one photo are looked for: 2.25 GB were measured at 4096×3072 pixels."""
 
 
-@dataclass(frozen=True)
-class FoundPoses:
-    """What structure from motion made of the photos."""
+def build_sparse_model(
+    folder: Path,
+    names: list[str],
+    lens: str,
+    is_video: bool,
+    scratch: Path,
+    on_stage: OnStage,
+    is_careful: bool = False,
+    skipped: tuple[int, ...] = (),
+) -> FoundPoses | None:
+    """Find poses of the photos `names` below ``images`` and write the largest model to ``model`` in the folder
+    `scratch`; None where there is no model of three photos. With `is_careful` each match is kept before the next, and
+    pairs at the places `skipped` are not matched.
 
-    photos: int
-    """Photos with a pose."""
-    points: int
-    error: float
-    """Mean distance in pixels between points and where photos show them."""
-
-
-def find_poses(folder: Path, names: list[str], lens: str, is_video: bool, on_stage: OnStage) -> FoundPoses:
-    """Find poses of the photos `names` below ``images`` and write the largest model to ``sparse/0``.
-
-    Raises DataError where no model comes about, ModuleNotFoundError without pycolmap.
+    Raises ImportError without pycolmap, and what pycolmap raises.
     """
     pycolmap = import_module("pycolmap")
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL)
     photos, count = folder / "images", len(names)
-    one = len({read_photo_size(photos / name) for name in names}) == 1
+    sizes = {read_photo_size(photos / name) for name in names}
+    one, threads = len(sizes) == 1, choose_threads(max(sizes, key=max), measure_available_memory(), os.cpu_count() or 1)
     for start in range(0, count, _PHOTOS_AT_A_TIME):
         on_stage("finding features", start, count)
-        _find_features(folder, names[start : start + _PHOTOS_AT_A_TIME], lens, one)
+        _find_features(folder, names[start : start + _PHOTOS_AT_A_TIME], lens, one, threads)
     on_stage("finding features", count, count)
-    pairs = choose_pairs(count, is_video)
-    for start in range(0, len(pairs), _PAIRS_AT_A_TIME):
+    pairs, listing = choose_pairs(count, is_video), scratch / "pairs.txt"
+    step = 1 if is_careful else _PAIRS_AT_A_TIME
+    for start in range(0, len(pairs), step):
         on_stage("matching photos", start, len(pairs))
-        _match(folder, [(names[a], names[b]) for a, b in pairs[start : start + _PAIRS_AT_A_TIME]])
+        if not is_careful or start not in skipped:
+            _match(folder, [(names[a], names[b]) for a, b in pairs[start : start + step]], listing)
     on_stage("matching photos", len(pairs), len(pairs))
-    best = _place_photos(folder, count, on_stage)
+    best = _place_photos(folder, count, scratch / "models", on_stage)
     if best is None or best.num_reg_images() < 3:
-        problem = "no poses could be found: too few corners of one photo are found again in others"
-        remedy = "Take pictures while moving, sharp ones with much overlap, or use more of them (--most)"
-        raise DataError(folder, problem, remedy)
-    _write_model(best, folder / "sparse" / "0")
+        return None
+    (scratch / "model").mkdir()
+    best.write_binary(scratch / "model")
     return FoundPoses(best.num_reg_images(), best.num_points3D(), float(best.compute_mean_reprojection_error()))
 
 
@@ -76,7 +79,15 @@ def choose_pairs(count: int, is_video: bool) -> list[tuple[int, int]]:
     return [(place, place + step) for place in range(count) for step in steps if place + step < count]
 
 
-def _find_features(folder: Path, names: list[str], lens: str, one: bool) -> None:
+def choose_threads(size: tuple[int, int], free: float, cores: int) -> int:
+    """Choose how many photos are looked at side by side, by width and height of the largest, free bytes and cores: half
+    of the memory is left to others."""
+    scale = min(1.0, _LONGEST_SIDE / max(size))
+    needed = size[0] * size[1] * scale**2 * _BYTES_PER_PIXEL
+    return max(1, min(cores, int(0.5 * free / needed)))
+
+
+def _find_features(folder: Path, names: list[str], lens: str, one: bool, threads: int) -> None:
     """Find features of some photos; those that have some are passed over."""
     pycolmap = import_module("pycolmap")
     database = pycolmap.Database.open(folder / DATABASE)
@@ -87,21 +98,22 @@ def _find_features(folder: Path, names: list[str], lens: str, one: bool) -> None
         reader.existing_camera_id = cameras[0]
     mode = pycolmap.CameraMode.SINGLE if one else pycolmap.CameraMode.PER_IMAGE
     device = pycolmap.Device.cpu
-    pycolmap.extract_features(folder / DATABASE, folder / "images", names, mode, reader_options=reader, device=device)
+    options = pycolmap.FeatureExtractionOptions(max_image_size=_LONGEST_SIDE, num_threads=threads)
+    pycolmap.extract_features(
+        folder / DATABASE, folder / "images", names, mode, reader, extraction_options=options, device=device
+    )
 
 
-def _match(folder: Path, pairs: list[tuple[str, str]]) -> None:
-    """Match some pairs of photos; those that were matched are passed over."""
+def _match(folder: Path, pairs: list[tuple[str, str]], listing: Path) -> None:
+    """Match some pairs of photos; those that were matched are passed over. `listing` is a file that may be written."""
     pycolmap = import_module("pycolmap")
-    with TemporaryDirectory() as name:
-        listing = Path(name) / "pairs.txt"
-        listing.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
-        pairing = pycolmap.ImportedPairingOptions(match_list_path=listing)
-        pycolmap.match_image_pairs(folder / DATABASE, pairing_options=pairing, device=pycolmap.Device.cpu)
+    listing.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
+    pairing = pycolmap.ImportedPairingOptions(match_list_path=listing)
+    pycolmap.match_image_pairs(folder / DATABASE, pairing_options=pairing, device=pycolmap.Device.cpu)
 
 
-def _place_photos(folder: Path, count: int, on_stage: OnStage) -> Any:
-    """The model with the most photos; None where there is none."""
+def _place_photos(folder: Path, count: int, work: Path, on_stage: OnStage) -> Any:
+    """The model with the most photos; None where there is none. `work` is a folder to be made."""
     pycolmap = import_module("pycolmap")
     placed = 0
 
@@ -115,17 +127,8 @@ def _place_photos(folder: Path, count: int, on_stage: OnStage) -> Any:
     options.mapper.init_min_tri_angle = _LEAST_ANGLE
     options.mapper.init_min_num_inliers = _LEAST_MATCHES
     on_stage("placing photos", 0, count)
-    with TemporaryDirectory(dir=folder) as work:
-        models = pycolmap.incremental_mapping(
-            folder / DATABASE, folder / "images", work, options, next_image_callback=tell_next
-        )
+    work.mkdir()
+    models = pycolmap.incremental_mapping(
+        folder / DATABASE, folder / "images", work, options, next_image_callback=tell_next
+    )
     return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
-
-
-def _write_model(model: Any, folder: Path) -> None:
-    """Write the model's files; cameras last, as the folder is a clip from then on."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=folder.parent) as name:
-        model.write_binary(name)
-        for file in sorted(Path(name).iterdir(), key=lambda file: file.name == "cameras.bin"):
-            file.replace(folder / file.name)

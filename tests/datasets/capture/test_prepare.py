@@ -12,8 +12,9 @@ from instdrive_app.main import main
 from instdrive_core.datasets.capture import prepare
 from instdrive_core.datasets.capture.candidates import Candidate, measure_candidates
 from instdrive_core.datasets.capture.choice import PARALLAX, choose_pictures
+from instdrive_core.datasets.capture.poses import FoundPoses
 from instdrive_core.datasets.capture.prepare import Preparation, prepare_clip
-from instdrive_core.datasets.capture.structure import FoundPoses, choose_pairs
+from instdrive_core.datasets.capture.structure import choose_pairs, choose_threads
 from instdrive_core.errors import DataError, OptionError
 
 WIDTH, HEIGHT, COUNT, STEP = 160, 120, 30, 4
@@ -57,6 +58,7 @@ def found(monkeypatch):
         return FoundPoses(len(names), 40, 0.5)
 
     monkeypatch.setattr(prepare, "find_poses", find)
+    monkeypatch.setattr(prepare, "require_pycolmap", lambda: None)
     return asked
 
 
@@ -130,7 +132,7 @@ def test_photos_of_a_folder_are_copied_as_they_are(tmp_path, found):
     assert found[0] == ([f"{number:06d}.png" for number in range(9)], "fisheye", False)
 
 
-def test_sources_that_give_no_clip_are_named(tmp_path):
+def test_sources_that_give_no_clip_are_named(tmp_path, found):
     empty, text = tmp_path / "empty", tmp_path / "text.mp4"
     empty.mkdir()
     text.write_text("no video")
@@ -148,6 +150,44 @@ def test_sources_that_give_no_clip_are_named(tmp_path):
     (tmp_path / "other" / "diary.txt").write_text("mine")
     with pytest.raises(OptionError, match="choose another --out"):
         prepare_clip(Preparation(empty, tmp_path / "other"), ignore)
+
+
+def test_photos_that_lie_on_their_side_are_turned(tmp_path, found):
+    source, exif = tmp_path / "photos", Image.Exif()
+    source.mkdir()
+    exif[0x0112], exif[0x010F] = 6, "maker"
+    for number, picture in zip(range(9), pictures(), strict=False):
+        Image.fromarray(picture).save(source / f"{number}.jpg", exif=exif if number == 4 else b"")
+    with pytest.raises(KeyboardInterrupt):
+        prepare_clip(Preparation(source, tmp_path / "clip"), ignore)
+    with Image.open(tmp_path / "clip" / "images" / "000004.jpg") as turned, Image.open(source / "4.jpg") as lying:
+        assert turned.size == (HEIGHT, WIDTH)
+        difference = np.asarray(turned).astype(float) - np.rot90(np.asarray(lying), -1)
+        assert np.abs(difference).mean() < 5
+        assert dict(turned.getexif()) == {0x010F: "maker"}
+    assert (tmp_path / "clip" / "images" / "000003.jpg").read_bytes() == (source / "3.jpg").read_bytes()
+
+
+def test_what_stands_in_the_way_is_told_before_anything_is_written(tmp_path, found):
+    source = tmp_path / "photos"
+    source.mkdir()
+    for number, picture in zip(range(9), pictures(), strict=False):
+        Image.fromarray(picture).save(source / f"{number}.jpg")
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(DataError, match=r"file: is no folder. Choose another --out"):
+        prepare_clip(Preparation(source, tmp_path / "file" / "clip"), ignore)
+    cut = (source / "5.jpg").read_bytes()
+    (source / "5.jpg").write_bytes(cut[: len(cut) // 2])
+    with pytest.raises(DataError, match=r"photos/5.jpg: is no readable photo .*Take it out of the folder"):
+        prepare_clip(Preparation(source, tmp_path / "clip"), ignore)
+    assert not (tmp_path / "clip").exists()
+
+
+def test_memory_bounds_how_many_photos_are_looked_at_side_by_side():
+    assert choose_threads((1920, 1080), 16e9, 8) == 8
+    assert choose_threads((4096, 3072), 4e9, 16) == 2
+    assert choose_threads((8192, 6144), 4e9, 16) == 2  # larger ones are reduced first
+    assert choose_threads((4096, 3072), 0.1e9, 16) == 1
 
 
 def test_a_damaged_state_is_named(video, tmp_path, found):
