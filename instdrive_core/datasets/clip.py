@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -104,6 +104,9 @@ class Clip:
     world_from_file: Float64[ndarray, "3 4"] | None = None
     """[s R | t] from the world of the photos' own files to the clip's, before `origin` is subtracted; None where they
     are the same."""
+    start_poses: Mapping[int, Float64[ndarray, "4 4"]] = field(default_factory=dict)
+    """World, before `origin` is subtracted, from that of drivestudio's training that begins at a time step; empty where
+    drivestudio does not read such clips."""
 
     @property
     def training_frames(self) -> tuple[Frame, ...]:

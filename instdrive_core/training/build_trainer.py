@@ -11,12 +11,11 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.formats.registry import find_format, open_scene
+from instdrive_core.formats.registry import open_scene
 from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
-from instdrive_core.scene.transforms import transform_gaussians
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.checkpoint import Checkpoint, restore_trainer
 from instdrive_core.training.gaussians.first_gaussians import (
@@ -27,6 +26,7 @@ from instdrive_core.training.gaussians.first_gaussians import (
 from instdrive_core.training.gaussians.model import build_model
 from instdrive_core.training.settings.config import InstanceConfig, TrainConfig
 from instdrive_core.training.trainer import Trainer
+from instdrive_core.training.trainer_world import move_to_clip_world
 from instdrive_core.training.views.view_store import ViewStore
 
 
@@ -46,15 +46,11 @@ def build_trainer_from_scene(
 ) -> Trainer:
     """Build a trainer from the Gaussians, actors and sky of a scene file or run.
 
-    A plain .ply is taken to be in the clip's world coordinates, a checkpoint of another trainer in those of the files
-    that the photos' cameras were read from.
+    A plain .ply is taken to be in the clip's world coordinates, a checkpoint of another trainer in that trainer's.
 
-    Raises DataError where the scene cannot be opened or no camera of the clip sees it.
+    Raises DataError where the scene cannot be opened or placed, or no camera of the clip sees it.
     """
-    fmt = find_format(path)
-    scene = open_scene(path)
-    if fmt is not None and fmt.in_world_of_photos:
-        scene = move_to_clip_world(scene, clip)
+    scene = move_to_clip_world(open_scene(path), path, clip)
     gaussians = add_first_features(move_to_origin(scene, clip.origin), config.instances, config.seed)
     if not is_any_visible(gaussians.means[scene.nodes == 0], store):
         raise DataError(
@@ -99,16 +95,6 @@ def add_first_features(gaussians: Gaussians, config: InstanceConfig, seed: int) 
     shape = (len(gaussians), config.feature_dim)
     features = make_generator(seed, Stream.FIRST_FEATURES).normal(0, config.init_std, shape)
     return replace(gaussians, features=features.astype(np.float32))
-
-
-def move_to_clip_world(scene: Scene, clip: Clip) -> Scene:
-    """Move a still scene of another trainer, in place, from the world of the photos' files to the clip's.
-
-    Its own cameras are left out: the clip's are those that the photos are compared with.
-    """
-    if clip.world_from_file is not None and not scene.actors:
-        transform_gaussians(scene.gaussians, clip.world_from_file)
-    return replace(scene, views=())
 
 
 def move_to_origin(scene: Scene, origin: Float64[ndarray, "3"]) -> Gaussians:

@@ -106,7 +106,8 @@ def load_drivestudio(path: str | Path, options: ClipOptions) -> Clip:
 
     Raises DataError where a file is missing or damaged, OptionError for options that do not fit.
     """
-    return build_recorded_clip(read_drivestudio(Path(path)), options)
+    root = Path(path)
+    return replace(build_recorded_clip(read_drivestudio(root), options), start_poses=_list_start_poses(root))
 
 
 def read_drivestudio(root: Path) -> Recording:
@@ -185,6 +186,14 @@ def _list_frames(root: Path) -> dict[int, Pose]:
     """Pose of the frame that LiDAR points are in, by step."""
     folder = next(root / name for name in ("lidar_pose", "ego_pose") if (root / name).is_dir())
     return {int(file.stem): _read_matrix(file) for file in sorted(folder.glob("*.txt")) if _is_number(file.stem)}
+
+
+def _list_start_poses(root: Path) -> dict[int, Pose]:
+    """World from drivestudio's own by the step it starts at: the car's pose, or nuScenes' front camera's."""
+    if not (root / "lidar_pose").is_dir():
+        return _list_frames(root)
+    first = (file for file in sorted((root / "extrinsics").glob("*_0.txt")) if _is_number(file.stem[:-2]))
+    return {int(file.stem[:-2]): _read_matrix(file) for file in first}
 
 
 def _is_number(stem: str) -> bool:
