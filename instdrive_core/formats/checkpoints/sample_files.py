@@ -216,20 +216,6 @@ def build_street_content(rng):
     return {"background": state(30, 1), "obj_007": state(12, 5), "actor_pose": {}, "sky_cubemap": sky, "iter": 50000}
 
 
-def write_street_tracks(folder, frames=4):
-    """The data set's folders beside a checkpoint: a car that drives on, and a box beside it."""
-    (folder / "track").mkdir(parents=True)
-    (folder / "ego_pose").mkdir()
-    lines = ["frame_id track_id object_class alpha box_height box_width box_length box_center_x y z box_heading speed"]
-    for frame in range(frames):
-        pose = np.eye(4)
-        pose[0, 3] = 100 + 2 * frame
-        np.savetxt(folder / "ego_pose" / f"{frame:06d}.txt", pose)
-        np.savetxt(folder / "ego_pose" / f"{frame:06d}_0.txt", pose)
-        lines.append(f"{frame} 7 vehicle -10 1.5 1.9 4.5 8.0 {frame}.0 0.5 0.3 5.0")
-    (folder / "track" / "track_info.txt").write_text("\n".join(lines) + "\n")
-
-
 def write_training_folder(folder, write_ply, photos=3):
     """INRIA's folder: two iterations, written by `write_ply(path)`, cameras and settings."""
     for iteration in (7000, 30000):
