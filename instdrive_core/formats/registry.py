@@ -8,7 +8,7 @@ from pathlib import Path
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.formats.allocation import MEMORY_TO_READ, ReadOptions, enlarge_splats
-from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
+from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH, HUGSIM_FOLDER
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
 from instdrive_core.formats.clouds.records import LAS, LAZ, PCD
 from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
@@ -51,6 +51,7 @@ FORMATS: tuple[Format, ...] = (
     CHECKPOINT_PT,
     CHECKPOINT_CKPT,
     TRAINING_FOLDER,
+    HUGSIM_FOLDER,
 )
 """Every format, in the order of dialogs. A folder has the first format that recognises it."""
 

@@ -14,6 +14,8 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.formats.actors.boxes import BOX_FROM_FORWARD_X, turn_into_box
+from instdrive_core.formats.actors.moments import find_shown_row
+from instdrive_core.formats.actors.row import lay_into_row
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
@@ -21,8 +23,7 @@ from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
 
 STREET_BACKGROUND, STREET_SKY = "background", "sky"
-_ROW_HEIGHT, _GAP, _WIDEST = 10.0, 1.0, 20.0
-"""Metres above the mean of the car's places, between neighbours, and that one of them gets at most."""
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 def sort_street_parts(names: Sequence[str], tracks: Mapping[str, Track]) -> list[str]:
@@ -43,11 +44,6 @@ def weigh_waves(track: Track | None, time: float | None, count: int) -> Float64[
         share = float(track.times[moment] - track.times[0]) / max(float(track.times[-1] - track.times[0]), 1e-9)
     steps = np.arange(count)
     return np.where(steps % 2, np.sin(np.pi * share * (steps + 1)), np.cos(np.pi * share * steps))
-
-
-def find_shown_row(track: Track, time: float | None) -> int:
-    """Find the row of a track nearest to a time (s); the middle one if that is None."""
-    return len(track.times) // 2 if time is None else int(np.abs(track.times - time).argmin())
 
 
 def assemble_street(
@@ -84,7 +80,7 @@ def assemble_street(
         elif name == STREET_SKY:
             labels[instance] = STREET_SKY
         else:
-            place = _lay_into_row(view, place)
+            place = lay_into_row(view, place, _UP)
     return Scene(
         gaussians=gaussians,
         instance_ids=ids,
@@ -95,14 +91,3 @@ def assemble_street(
         sky=sky,
         left_out=tuple(left_out),
     )
-
-
-def _lay_into_row(part: Gaussians, start: float) -> float:
-    """Move an object, in place, to the next place of the row along x; returns where that place ends, metres."""
-    finite = part.means[np.isfinite(part.means).all(axis=1)].astype(np.float64)
-    lower, upper = np.percentile(finite, [3, 97], axis=0) if len(finite) else (np.zeros(3), np.zeros(3))
-    length = float(np.clip(upper[0] - lower[0], _GAP, _WIDEST))
-    shift = np.array([start + length / 2, 0.0, _ROW_HEIGHT]) - (lower + upper) / 2
-    with np.errstate(over="ignore", invalid="ignore"):  # the linter reports what is not finite
-        part.means += shift.astype(np.float32)
-    return start + length + _GAP
