@@ -33,6 +33,7 @@ from instdrive_core.formats.checkpoints.sample_files import (
     build_splatfacto_content,
     build_street_content,
     write_checkpoint,
+    write_hugsim_scene,
     write_training_folder,
 )
 from instdrive_core.formats.clouds.sample_files import build_pcd
@@ -254,6 +255,8 @@ def _list_checkpoint_seeds(folder: Path) -> Iterator[Seed]:
         if name == "iteration_9.pth":
             write_street_tracks(root)
         yield Seed("checkpoint", name, read_files_below(root), name)
+    write_hugsim_scene(folder / "hugsim_export", rng)
+    yield Seed("checkpoint", "hugsim_export", read_files_below(folder / "hugsim_export"))
     for name, order in (("street", "<"), ("street_big", ">"), ("street_ascii", "=")):
         write_street_ply(folder / name / f"{name}.ply", contents["iteration_9.pth"], order)
         write_street_run(folder / name, "data")

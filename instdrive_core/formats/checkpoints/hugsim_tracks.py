@@ -73,7 +73,7 @@ def collect_written_paths(path: Path, meta: Any) -> dict[str, ObjectPath]:
         if not isinstance(dynamics, Mapping) or not dynamics:
             continue
         time = frame.get("timestamp")
-        if type(time) not in (int, float) or not abs(time) < _FARTHEST:
+        if not isinstance(time, int | float) or isinstance(time, bool) or not abs(time) < _FARTHEST:
             raise DataError(path, f"frames[{number}].timestamp is no time in seconds", REMEDY)
         for name, rows in dynamics.items():
             pose = _read_pose(rows)

@@ -40,7 +40,7 @@ def test_objects_are_where_hugsim_draws_them(folder):
         turn = Rotation.from_euler("xzy", [0, 0, np.pi / 2 - yaw])
         still = freeze_at_time(scene, time)
         rows = still.instance_ids == 2
-        places = turn.apply(own["xyz"]) + [8 * time, 1.5, 20 - 3 * time]
+        places = turn.apply(own["xyz"]) + np.array([8 * time, 1.5, 20 - 3 * time])
         np.testing.assert_allclose(still.gaussians.means[rows], places, atol=1e-4)
         mine = Rotation.from_quat(still.gaussians.quats[rows], scalar_first=True)
         theirs = turn * Rotation.from_quat(own["quats"], scalar_first=True)
