@@ -27,7 +27,7 @@ STREET_OBJECT = re.compile(r"obj_(\d{1,9})")
 _TRACKS, _EGO, _SETTINGS, _CONFIGS = Path("track") / "track_info.txt", "ego_pose", "cfg_args", "configs"
 _TRACKED = Path("track") / "track_info_castrack.txt"
 _MAX_TEXT, _MAX_FRAME, _MAX_SETTINGS = 64 << 20, 1 << 20, 1 << 20
-_FOLDERS_ABOVE = 3
+_FOLDERS_ABOVE, _FARTHEST = 3, 1e9
 _FRAMES = re.compile(
     r"^\s*selected_frames:\s*(?:\[\s*(\d{1,7}),\s*(\d{1,7})\s*\]|-\s*(\d{1,7})\s*-\s*(\d{1,7})\s)", re.M
 )
@@ -155,7 +155,12 @@ def _read_boxes(path: Path) -> dict[int, dict[int, tuple[str, list[float]]]]:
         try:
             frame, track, label = int(words[0]), int(words[1]), words[2]
             box = [float(word) for word in words[4:11]]
-            if len(box) < 7 or not np.isfinite(box).all() or not 0 <= frame < _MAX_FRAME or max(map(abs, box)) > 1e9:
+            if (
+                len(box) < 7
+                or not np.isfinite(box).all()
+                or not 0 <= frame < _MAX_FRAME
+                or max(map(abs, box)) > _FARTHEST
+            ):
                 raise ValueError("numbers are missing or out of range")
         except (ValueError, IndexError, OverflowError) as error:
             problem = f"line {number} is no box ({str(error)[:100]})"
@@ -172,7 +177,9 @@ def _read_ego_poses(folder: Path) -> dict[int, ndarray]:
         try:
             pose = np.array([float(word) for word in _read_text(file).split()]).reshape(4, 4)
             rotation = pose[:3, :3]
-            if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or not np.isfinite(pose).all():
+            # Sizes first: they also keep products finite.
+            is_small = np.abs(rotation).max() < 2 and np.abs(pose).max() < _FARTHEST
+            if not is_small or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
                 raise ValueError("it does more than turn and shift")
         except ValueError as error:
             raise DataError(file, f"is no pose of 4 x 4 numbers ({error})", _COPY) from error

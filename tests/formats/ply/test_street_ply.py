@@ -151,3 +151,15 @@ def test_damaged_headers_are_named(tmp_path, content, old, new, problem):
     path.write_bytes(path.read_bytes().replace(old, new))
     with pytest.raises(DataError, match=problem):
         open_scene(path)
+
+
+@pytest.mark.parametrize("value", ["inf", "nan", "9e300", "1e12", "much"])
+def test_poses_that_are_none_are_named(tmp_path, content, value):
+    path = write_street_ply(tmp_path / "a.ply", content)
+    write_street_tracks(tmp_path)
+    for row in (0, 3):  # of the rotation, and of the place
+        numbers = np.eye(4).astype(str).ravel().tolist()
+        numbers[row] = value
+        (tmp_path / "ego_pose" / "000001.txt").write_text(" ".join(numbers))
+        with pytest.raises(DataError, match=r"000001\.txt: is no pose of 4 x 4 numbers"):
+            open_scene(path)
