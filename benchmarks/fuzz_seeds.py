@@ -254,7 +254,8 @@ def _list_checkpoint_seeds(folder: Path) -> Iterator[Seed]:
             (root / "dataparser_transforms.json").write_text(json.dumps(fields))
         if name == "iteration_9.pth":
             write_street_tracks(root)
-        yield Seed("checkpoint", name, read_files_below(root), name)
+        kind = "street" if name == "iteration_9.pth" else "checkpoint"
+        yield Seed(kind, name, read_files_below(root), name)
     write_hugsim_scene(folder / "hugsim_export", rng)
     yield Seed("checkpoint", "hugsim_export", read_files_below(folder / "hugsim_export"))
     for name, order in (("street", "<"), ("street_big", ">"), ("street_ascii", "=")):
@@ -263,7 +264,7 @@ def _list_checkpoint_seeds(folder: Path) -> Iterator[Seed]:
         write_street_tracks(folder / name)
         settings = folder / name / "cfg_args"
         settings.write_text(settings.read_text().replace(str(folder), "data"))
-        yield Seed("ply", name, read_files_below(folder / name), f"{name}.ply")
+        yield Seed("street", name, read_files_below(folder / name), f"{name}.ply")
     still = replace(freeze_at_time(_small_street(), 0.2), views=(), sky=None, exposures=None)
     run = write_training_folder(folder / "run", lambda path: save_scene(path, still))
     settings = run / "cfg_args"  # the temporary folder's name would damage other bytes in each run
