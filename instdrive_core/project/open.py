@@ -105,6 +105,8 @@ def open_edited_scene(
     path = Path(path)
     if not is_project(path):
         return open_scene(path, keep_every, time=time, data=data)
+    if data is not None:
+        raise OptionError(f"{path} is a project, which has its tracks already; leave the data set's folder {data} out")
     check_whole(path, keep_every)
     return bake_document(open_project(path).document)
 
