@@ -12,9 +12,9 @@ further (coverage-guided). What is counted:
   zero, and the linter said nothing; or the damage was one that every reader must notice, other values came out than
   from the whole file, and nothing was said: the file was cut off, the header of a .ply or .spz promises another count,
   or a bit is wrong in what a checksum guards (zip, gzip, ZSTD, the arrays of a scene folder). A value that is wrong but
-  usable, in a part without checksum, cannot be noticed by anybody. Three cuts are none: a .splat cut between two
+  usable, in a part without checksum, cannot be noticed by anybody. Some cuts are none: a .splat cut between two
   splats is a whole .splat, a list of edits cut between two lines a whole list, and a journal is meant to be read up to
-  the line that was torn.
+  the line that was torn. Tables of numbers in text and the settings of a run may end anywhere.
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ FOUND = {"crash": "crashes", "hang": "hangs", "overallocation": "overallocations
 _CORPUS, _MAX_KEPT = 200, 300_000
 """Files of a kind that are damaged further, bytes of one of them."""
 _START = 60.0
+_SETTINGS = (".yaml", "cfg_args")
+"""Endings of text that a program has written for people: lines fewer are settings, too."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +149,8 @@ def _is_whole_after_all(kind: str, name: str, damage: Damage) -> bool:
         return len(damage.data) % 32 == 0
     if kind in LAYOUTS:
         return name.endswith(ROWS_WITHOUT_COUNT)
+    if kind == "street":
+        return name.endswith((*ROWS_WITHOUT_COUNT, *_SETTINGS))
     if kind == "edits":
         return damage.data[-1:] in (b"", b"\n", b"}")
     return name.endswith("journal.jsonl")

@@ -29,8 +29,8 @@ PER_BYTE = 4
 """Bytes more per byte of the files."""
 _PACKAGE = f"{os.sep}instdrive_core{os.sep}"
 
-OUTSIDE_ALLOWED = ("project", "journal")
-"""Kinds that name scenes which may lie anywhere."""
+OUTSIDE_ALLOWED = ("project", "journal", "street")
+"""Kinds that name scenes or data sets which may lie anywhere."""
 
 Line = tuple[str, int]
 

@@ -55,7 +55,7 @@ def _scene_facts(scene: Scene, notes: tuple[str, ...] = ()) -> Read:
     )
     if not is_finite and "not_finite" not in kinds:
         unreported = "a splat's value is not finite"
-    if not arrays["quats"].any(axis=1).all() and "zero_quaternion" not in kinds:
+    if not (arrays["quats"] != 0).any(axis=1).all() and "zero_quaternion" not in kinds:
         unreported = "a splat's quaternion is zero"
     # The linter looks at splats only: whatever else comes with a scene must have been refused.
     others = {"origin": scene.origin}
@@ -156,7 +156,7 @@ def read_mask_folder(path: Path) -> Read:
 
 READERS: dict[str, Callable[[Path], Read]] = {
     **dict.fromkeys(("ply", "compressed_ply", "splat", "spz", "ksplat", "lcc", "gltf", "usd", "html"), read_scene),
-    "cloud": read_scene,
+    **dict.fromkeys(("cloud", "street"), read_scene),
     **dict.fromkeys(("sog", "sog_folder", "sog_levels", "scene_folder", "checkpoint", "training_folder"), read_scene),
     "project": read_project,
     "journal": read_journal_folder,

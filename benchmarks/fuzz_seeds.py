@@ -24,6 +24,7 @@ from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.bake import freeze_at_time
+from instdrive_core.formats.actors.sample_files import write_street_ply, write_street_run, write_street_tracks
 from instdrive_core.formats.checkpoints.sample_files import (
     build_captured_content,
     build_drivestudio_content,
@@ -32,7 +33,7 @@ from instdrive_core.formats.checkpoints.sample_files import (
     build_splatfacto_content,
     build_street_content,
     write_checkpoint,
-    write_street_tracks,
+    write_hugsim_scene,
     write_training_folder,
 )
 from instdrive_core.formats.clouds.sample_files import build_pcd
@@ -253,7 +254,17 @@ def _list_checkpoint_seeds(folder: Path) -> Iterator[Seed]:
             (root / "dataparser_transforms.json").write_text(json.dumps(fields))
         if name == "iteration_9.pth":
             write_street_tracks(root)
-        yield Seed("checkpoint", name, read_files_below(root), name)
+        kind = "street" if name == "iteration_9.pth" else "checkpoint"
+        yield Seed(kind, name, read_files_below(root), name)
+    write_hugsim_scene(folder / "hugsim_export", rng)
+    yield Seed("checkpoint", "hugsim_export", read_files_below(folder / "hugsim_export"))
+    for name, order in (("street", "<"), ("street_big", ">"), ("street_ascii", "=")):
+        write_street_ply(folder / name / f"{name}.ply", contents["iteration_9.pth"], order)
+        write_street_run(folder / name, "data")
+        write_street_tracks(folder / name)
+        settings = folder / name / "cfg_args"
+        settings.write_text(settings.read_text().replace(str(folder), "data"))
+        yield Seed("street", name, read_files_below(folder / name), f"{name}.ply")
     still = replace(freeze_at_time(_small_street(), 0.2), views=(), sky=None, exposures=None)
     run = write_training_folder(folder / "run", lambda path: save_scene(path, still))
     settings = run / "cfg_args"  # the temporary folder's name would damage other bytes in each run

@@ -17,6 +17,7 @@ from instdrive_app.state import Viewpoint
 from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.queries.coordinates import FARTHEST_MIDDLE, measure_distance, measure_offset
 from instdrive_core.edits.queries.placement import estimate_foot, find_ground_below, find_solid
 from instdrive_core.errors import EditError
 from instdrive_core.formats.registry import find_stated_up, open_scene
@@ -28,8 +29,6 @@ NEAREST = 8.0
 """Metres from the camera to a small inserted object; larger ones stand farther away."""
 GAP = 1.0
 """Metres between scenes inserted together."""
-FARTHEST_CLOUD = 1000.0
-"""Metres from the middle of the scene to that of a cloud of points that lies in the same coordinates."""
 EYE_HEIGHT = 1.6
 """Metres below the camera at which a scene stands where no ground is found."""
 
@@ -115,11 +114,9 @@ def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: flo
         raise EditError("the scene to be inserted has no splats")
     means = _find_solid_means(source, time)
     low, high = np.array(compute_middle_bounds(means))
-    if is_made_of_points(source):
-        shift = source.origin - document.scene.origin
-        if np.linalg.norm(0.5 * (low + high) + shift - _find_middle(document)) < FARTHEST_CLOUD:
-            x, y, z = shift.tolist()
-            return Spot((x, y, z), 0.0, " where its coordinates have it")
+    if is_made_of_points(source) and measure_distance(document, source, 0.5 * (low + high)) < FARTHEST_MIDDLE:
+        x, y, z = measure_offset(document, source).tolist()
+        return Spot((x, y, z), 0.0, " where its coordinates have it")
     size, right = (high - low)[:2], _find_right(viewpoint)
     half_width = float(np.abs(right[:2]) @ size) / 2
     aside = 0.0 if edge is None else edge + GAP + half_width
@@ -141,11 +138,6 @@ def is_made_of_points(source: Scene) -> bool:
     if source.actors or len(source.table) or gaussians.sh_degree:
         return False
     return bool((gaussians.log_scales == gaussians.log_scales[:, :1]).all() and (gaussians.quats[:, 1:] == 0).all())
-
-
-def _find_middle(document: Document) -> Float64[ndarray, "3"]:
-    means = document.scene.gaussians.means
-    return np.median(means[:: max(1, len(means) // 10_000)], axis=0).astype(np.float64)
 
 
 def _find_place_ahead(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"]:

@@ -17,6 +17,7 @@ from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.paint import PaintInstances
 from instdrive_core.edits.kinds.rename import RenameInstance
+from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.scene_parts import bake_part
 from instdrive_core.edits.serialize import edits_from_lines
@@ -68,7 +69,9 @@ def apply(
     document, view = open_document(scene, keep_every=keep_every)
     shown = choose_time(document.scene, time)
     steps = [*(_read_edit_log(edits) if edits else []), *turn.edits(document, scene)]
-    steps += _collect_edits(document.scene, delete, recolor, recolor_mode, rename, more, shown)
+    is_turned = any(isinstance(step, TurnScene) for step in steps)
+    steps += more.edits(document, shown, is_turned)
+    steps += _collect_edits(document.scene, delete, recolor, recolor_mode, rename)
     for edit in steps:
         document.apply(edit)
     after_deletion.follow(document, steps, shown)
@@ -97,10 +100,8 @@ def _collect_edits(
     recolor: tuple[str, ...],
     mode: RecolorMode | Literal["paint"],
     rename: tuple[str, ...],
-    more: EditOptions,
-    time: float,
 ) -> list[Edit]:
-    steps = more.edits(scene.table, time)
+    steps: list[Edit] = []
     for text in rename:
         instance_id, name = parse_assignment(text, "--rename 4=taxi")
         check_known_ids([instance_id], scene.table)

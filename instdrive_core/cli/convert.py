@@ -22,6 +22,7 @@ def convert(
     time: float | None = None,
     sibr: bool = False,
     keep_every: int = 1,
+    data: Path | None = None,
 ) -> None:
     """Convert a scene into the format that the new name ends in.
 
@@ -31,11 +32,12 @@ def convert(
         time: Seconds into the drive at which a file shows moving objects; default: the first photo's.
         sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
         keep_every: 3 opens every 3rd splat only, each made larger: for scenes that do not fit into memory.
+        data: Folder of the data set that the scene was trained on, for tracks that its file does not hold.
     """
     if is_project(out):
         remedy = f"`instdrive apply {scene} -o {out}` makes a project of a scene"
         raise DataError(out, "a project keeps edits and no splats, so nothing can be converted into one", remedy)
-    opened = open_edited_scene(scene, keep_every, time)
+    opened = open_edited_scene(scene, keep_every, time, data)
     for sentence in opened.left_out:
         print(f"left out on opening: {sentence}")
     freezes = bool(opened.actors) and not find_format_to_write(out, sibr)[0].keeps_tracks

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from instdrive_core.cli.arguments import check_known_ids, parse_assignment
+from instdrive_core.cli.insertions import build_insertions
 from instdrive_core.edits.bases.adjustments import RANGES
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
@@ -15,7 +17,6 @@ from instdrive_core.edits.kinds.classes import SetClass
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
-from instdrive_core.edits.kinds.insert import InsertScene
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import InvertSelection, SelectClass, SelectInstances
@@ -29,7 +30,8 @@ class EditOptions:
     """Done in the order listed here."""
 
     insert: tuple[Path, ...] = ()
-    """Scene files whose splats are added."""
+    """Scene files whose splats are added: where their coordinates have them if both scenes say where in the world
+    their origins are, else at their own numbers."""
     absorb: tuple[int, ...] = ()
     """IDs of compact instances that take in the floaters in and around them."""
     merge: tuple[str, ...] = ()
@@ -58,9 +60,18 @@ class EditOptions:
     keep: tuple[int, ...] = ()
     """IDs of the instances that are kept: everything else is deleted."""
 
-    def edits(self, table: InstanceTable, time: float) -> list[Edit]:
-        """The edits in order; `time` in seconds. Raises OptionError where an option cannot be read."""
-        steps: list[Edit] = [InsertScene(str(path)) for path in self.insert]
+    def edits(self, document: Document, time: float, is_turned: bool) -> list[Edit]:
+        """The edits in order.
+
+        Args:
+            document: as it was opened.
+            time: seconds into the drive.
+            is_turned: whether edits before these turn or scale it.
+
+        Raises OptionError where an option cannot be read, DataError where a scene cannot be opened.
+        """
+        table = document.scene.table
+        steps: list[Edit] = [*build_insertions(document, self.insert, is_turned)]
         steps += [AbsorbFloaters(number) for number in check_known_ids(self.absorb, table)] if self.absorb else []
         steps += [_parse_merge(text, table) for text in self.merge]
         steps += [SplitInstance(number) for number in check_known_ids(self.split, table)] if self.split else []

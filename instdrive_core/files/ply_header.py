@@ -108,13 +108,33 @@ def read_ply_header(file: BinaryIO, path: Path, file_size: int, noun: str = "spl
 
     `noun` is what messages call the vertices.
     """
-    layout = read_ply_layout(file, path)
-    order, elements, end = layout.order, layout.elements, layout.body_offset
-    names = [element.name for element in elements]
+    return find_ply_vertices(read_ply_layout(file, path), path, file_size, noun)
+
+
+def find_ply_vertices(layout: PlyLayout, path: Path, file_size: int, noun: str = "splats") -> PlyHeader:
+    """Find the vertices in a header and check its counts; arguments and errors as in `read_ply_header`."""
+    names = [element.name for element in layout.elements]
     if "vertex" not in names:
         raise DataError(path, f"the header names no vertex element, only {names}", REMEDY)
-    vertex = names.index("vertex")
-    before, element = elements[:vertex], elements[vertex]
+    return _describe_element(layout, names.index("vertex"), path, file_size, noun)
+
+
+def describe_all_elements(layout: PlyLayout, path: Path, file_size: int) -> dict[str, PlyHeader]:
+    """Describe every element as one whose rows are splats, by its name, each checked against the file's size in bytes.
+
+    Of an ASCII file each begins where the one before ends. Raises DataError.
+    """
+    found: dict[str, PlyHeader] = {}
+    for row, element in enumerate(layout.elements):
+        if element.name in found:
+            raise DataError(path, f"the element {element.name!r} stands twice in the header", REMEDY)
+        found[element.name] = _describe_element(layout, row, path, file_size, "splats")
+    return found
+
+
+def _describe_element(layout: PlyLayout, row: int, path: Path, file_size: int, noun: str) -> PlyHeader:
+    order, elements, end = layout.order, layout.elements, layout.body_offset
+    before, element = elements[:row], elements[row]
     is_ascii = order == "="
     if element.has_list:
         raise DataError(path, "a list property stands among the vertices, which must be numbers", REMEDY)
@@ -131,7 +151,7 @@ def read_ply_header(file: BinaryIO, path: Path, file_size: int, noun: str = "spl
         body_offset=offset,
         skipped_lines=sum(other.count for other in before),
         skipped_least=sum(other.count_least_text() for other in before),
-        is_last=vertex == len(elements) - 1,
+        is_last=row == len(elements) - 1,
         comments=layout.comments,
     )
     _check_length(header, path, file_size)

@@ -38,6 +38,8 @@ class ReadOptions:
     """Memory that must be free, as a multiple of the arrays."""
     time: float | None = None
     """Seconds into the drive at which things that bend get their shape; None takes the middle of each one's track."""
+    data: Path | None = None
+    """Folder of the data set that the scene was trained on, for tracks that its file does not hold."""
 
     def count_kept(self, count: int) -> int:
         """Count the rows that are read of `count`."""

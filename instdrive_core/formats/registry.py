@@ -8,7 +8,7 @@ from pathlib import Path
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.formats.allocation import MEMORY_TO_READ, ReadOptions, enlarge_splats
-from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
+from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH, HUGSIM_FOLDER
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
 from instdrive_core.formats.clouds.records import LAS, LAZ, PCD
 from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
@@ -51,12 +51,18 @@ FORMATS: tuple[Format, ...] = (
     CHECKPOINT_PT,
     CHECKPOINT_CKPT,
     TRAINING_FOLDER,
+    HUGSIM_FOLDER,
 )
 """Every format, in the order of dialogs. A folder has the first format that recognises it."""
 
 
 def open_scene(
-    path: str | Path, keep_every: int = 1, memory_factor: float = MEMORY_TO_READ, *, time: float | None = None
+    path: str | Path,
+    keep_every: int = 1,
+    memory_factor: float = MEMORY_TO_READ,
+    *,
+    time: float | None = None,
+    data: Path | None = None,
 ) -> Scene:
     """Open a scene file, or a run folder that holds a scene.
 
@@ -66,12 +72,14 @@ def open_scene(
             taken for these.
         memory_factor: the memory that there must be, as a multiple of the scene's arrays.
         time: seconds into the drive at which things that bend get their shape, where a file holds such things.
+        data: folder of the data set that the scene was trained on, for tracks that its file does not hold; None looks
+            beside the file and where the training's settings say.
 
     Raises DataError where it is no scene, or damaged; SceneTooLargeError where it does not fit into memory.
     """
     if keep_every < 1:
         raise OptionError(f"every {keep_every}th splat cannot be opened; give a whole number from 1")
-    options = ReadOptions(keep_every, memory_factor, time)
+    options = ReadOptions(keep_every, memory_factor, time, data)
     scene = _read(Path(path), options)
     if keep_every > 1:
         enlarge_splats(scene.gaussians.log_scales, keep_every)

@@ -95,14 +95,18 @@ def open_project(path: str | Path, accept_changed: bool = False) -> OpenedProjec
     return OpenedProject(document, view, notes)
 
 
-def open_edited_scene(path: str | Path, keep_every: int = 1, time: float | None = None) -> Scene:
+def open_edited_scene(
+    path: str | Path, keep_every: int = 1, time: float | None = None, data: Path | None = None
+) -> Scene:
     """Open a scene, or the scene that the edits of a project make; tracks stay tracks.
 
     Raises DataError, SceneTooLargeError; other arguments as in `open_scene`.
     """
     path = Path(path)
     if not is_project(path):
-        return open_scene(path, keep_every, time=time)
+        return open_scene(path, keep_every, time=time, data=data)
+    if data is not None:
+        raise OptionError(f"{path} is a project, which has its tracks already; leave the data set's folder {data} out")
     check_whole(path, keep_every)
     return bake_document(open_project(path).document)
 

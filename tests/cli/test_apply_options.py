@@ -83,3 +83,35 @@ def test_an_adjustment_replaces_an_earlier_one_of_its_kind(run, tmp_path):
     before, after = random_scene(), open_scene(tmp_path / "out")
     rows = np.flatnonzero(before.instance_ids == 2)
     np.testing.assert_allclose(after.gaussians.opacities[rows], 0.25 * before.gaussians.opacities[rows], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("mine", "theirs", "options", "moved", "said"),
+    [
+        (
+            (4e5, 5e6, 30),
+            (4e5 + 12, 5e6 - 3, 31),
+            [],
+            (12, -3, 1),
+            "placed where its coordinates have it, 12.00, -3.00",
+        ),
+        ((4e5, 5e6, 30), (4e5, 5e6 + 4000, 30), [], (0, 0, 0), "it lies 4.0 km away; its numbers are taken"),
+        ((4e5, 5e6, 30), (0, 0, 0), [], (0, 0, 0), "other.ply: it says nothing of where its origin is"),
+        ((0, 0, 0), (4e5, 5e6, 30), [], (0, 0, 0), "the scene says nothing of where its origin is"),
+        ((4e5, 5e6, 30), (4e5 + 12, 5e6, 30), ["--scale", "1.5"], (0, 0, 0), "the scene was turned or scaled"),
+        ((0, 0, 0), (0, 0, 0), [], (0, 0, 0), ""),
+    ],
+)
+def test_a_scene_is_inserted_where_its_coordinates_have_it(tmp_path, capsys, mine, theirs, options, moved, said):
+    scene, other = random_scene(actors=0), random_scene(seed=1, count=40, actors=0)
+    scene.origin, other.origin = np.array(mine, float), np.array(theirs, float)
+    save_scene(tmp_path / "run", scene)
+    save_scene(tmp_path / "other.ply", other)
+    command = ["apply", str(tmp_path / "run"), *options, "--insert", str(tmp_path / "other.ply")]
+    assert main([*command, "-o", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert said in printed
+    assert bool(said) == ("its numbers" in printed or "its own numbers" in printed)
+    after = open_scene(tmp_path / "out")
+    np.testing.assert_array_equal(after.origin, scene.origin)
+    np.testing.assert_allclose(after.gaussians.means[200:], other.gaussians.means + np.float32(moved), atol=1e-4)

@@ -31,6 +31,11 @@ def test_apply_goes_on_where_the_project_ends(project, tmp_path, capsys):
     assert_same_scene(open_scene(tmp_path / "out"), bake_document(document))
 
 
+def test_a_project_takes_no_folder_of_tracks(project, tmp_path, capsys):
+    assert main(["convert", str(project), str(tmp_path / "converted"), "--data", str(tmp_path)]) == 2
+    assert "is a project, which has its tracks already" in capsys.readouterr().err
+
+
 def test_convert_info_and_render_show_what_the_edits_made(project, tmp_path, capsys):
     assert main(["convert", str(project), str(tmp_path / "converted")]) == 0
     converted = open_scene(tmp_path / "converted")

@@ -11,10 +11,11 @@ from sog_files import files_of, meta_of, random_bytes, write_folder
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.allocation import ReadOptions
-from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
+from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH, HUGSIM_FOLDER
 from instdrive_core.formats.checkpoints.sample_files import (
     build_captured_content,
     build_gsplat_content,
+    build_hugsim_content,
     build_splatfacto_content,
     write_checkpoint,
     write_training_folder,
@@ -89,9 +90,17 @@ SAMPLES = {
     TRAINING_FOLDER.title: lambda folder: write_training_folder(
         folder / "street", lambda path: save_scene(path, still_scene())
     ),
+    HUGSIM_FOLDER.title: checkpoint_writer(
+        "street/scene.pth", lambda rng, count: build_hugsim_content(rng, count - 12, ground=12)
+    ),
 }
 """How a format that the program does not write comes by a file: a new one needs an entry."""
-PATHS = {TRAINING_FOLDER.title: "street", LCC.title: "street", KSPLAT.title: "street.ksplat"}
+PATHS = {
+    TRAINING_FOLDER.title: "street",
+    HUGSIM_FOLDER.title: "street",
+    LCC.title: "street",
+    KSPLAT.title: "street.ksplat",
+}
 PATHS |= {fmt.title: f"street{fmt.suffix}" for fmt in (CHECKPOINT_PTH, CHECKPOINT_PT, CHECKPOINT_CKPT, LAS, LAZ, PCD)}
 
 

@@ -75,7 +75,8 @@ def bend_deformable(node: NodeClass, part: Gaussians, instance: int, frame: int)
         raise ValueError("their network gives what is no number")
     part.means += offsets["gaussian_warp"]
     if "gaussian_rotation" in offsets:
-        part.quats[:] = normalize_quaternions(normalize_quaternions(part.quats) + offsets["gaussian_rotation"])
+        with np.errstate(over="ignore", invalid="ignore"):  # the linter reports what is not finite
+            part.quats[:] = normalize_quaternions(normalize_quaternions(part.quats) + offsets["gaussian_rotation"])
     if "gaussian_scaling" in offsets:
         with np.errstate(over="ignore", invalid="ignore"):
             part.log_scales[:] = np.log(np.maximum(np.exp(part.log_scales) + offsets["gaussian_scaling"], 1e-6))
@@ -115,7 +116,8 @@ def bend_body(
         raise ValueError("their limbs have no finite place")
     part.means[:] = moved
     turned = normalize_quaternions(quaternion_from_matrix(blended))
-    part.quats[:] = multiply_quaternions(turned, normalize_quaternions(part.quats))
+    with np.errstate(over="ignore", invalid="ignore"):  # the linter reports what is not finite
+        part.quats[:] = multiply_quaternions(turned, normalize_quaternions(part.quats))
     # The body turns about its first joint, not about the point that is moved.
     poses[:, :3, 3] += rest[0] - poses[:, :3, :3] @ rest[0]
     return (places.min(axis=0) + places.max(axis=0)) / 2

@@ -22,8 +22,8 @@ from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.files.torch_checkpoint import TorchCheckpoint
+from instdrive_core.formats.actors.boxes import BOX_FROM_FORWARD_X, build_poses, turn_into_box
 from instdrive_core.formats.allocation import ReadOptions
-from instdrive_core.formats.checkpoints.actor_boxes import BOX_FROM_FORWARD_X, build_poses, turn_into_box
 from instdrive_core.formats.checkpoints.bending import NodeClass, bend_body, bend_deformable
 from instdrive_core.formats.checkpoints.cube_texture import read_cube_sky
 from instdrive_core.formats.checkpoints.splat_part import REMEDY, FieldNames, read_parts, require_tensor, view_part

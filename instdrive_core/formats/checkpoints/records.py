@@ -8,6 +8,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.files.torch_checkpoint import TorchCheckpoint, open_torch_checkpoint
 from instdrive_core.formats.allocation import WHOLE, ReadOptions
 from instdrive_core.formats.checkpoints.drivestudio import find_models, read_drivestudio_checkpoint
+from instdrive_core.formats.checkpoints.hugsim import HUGSIM_META, find_hugsim, list_moving_objects, read_hugsim
 from instdrive_core.formats.checkpoints.splat_part import REMEDY
 from instdrive_core.formats.checkpoints.static_scenes import (
     find_captured,
@@ -18,8 +19,10 @@ from instdrive_core.formats.checkpoints.static_scenes import (
     read_splatfacto,
 )
 from instdrive_core.formats.checkpoints.street_gaussians import find_street, read_street
-from instdrive_core.formats.scene_format import Format
+from instdrive_core.formats.scene_format import FolderLayout, Format
 from instdrive_core.scene.scene import Scene
+
+_HUGSIM_SCENE = "scene.pth"
 
 
 def read_checkpoint_scene(path: Path, options: ReadOptions = WHOLE) -> Scene:
@@ -38,7 +41,26 @@ def read_checkpoint_scene(path: Path, options: ReadOptions = WHOLE) -> Scene:
         return read_splatfacto(file, tensors, options)
     if (captured := find_captured(file)) is not None:
         return read_captured(file, captured, options)
+    if (parameters := find_hugsim(file)) is not None:
+        return read_hugsim(file, parameters, options)
     raise DataError(file.path, f"it holds no scene that is known: {_describe(file)}", REMEDY)
+
+
+def read_hugsim_folder(path: Path, options: ReadOptions = WHOLE) -> Scene:
+    """Open the scene of a folder that HUGSIM has exported, or the file in it. Raises DataError."""
+    return read_checkpoint_scene(path / _HUGSIM_SCENE if path.is_dir() else path, options)
+
+
+def _holds_hugsim(path: Path) -> bool:
+    return path.is_dir() and (path / _HUGSIM_SCENE).is_file()
+
+
+def _list_hugsim_files(path: Path) -> tuple[Path, ...]:
+    """The scene, its objects, and what tells where they were."""
+    objects = list_moving_objects(path)
+    motions = (path / f"unicycle_{name}.pth" for name in objects)
+    beside = [*motions, path / HUGSIM_META] if objects else []
+    return (path / _HUGSIM_SCENE, *objects.values(), *(file for file in beside if file.is_file()))
 
 
 def _describe(file: TorchCheckpoint) -> str:
@@ -55,4 +77,11 @@ CHECKPOINT_PTH = Format(
 CHECKPOINT_PT = Format("Checkpoint of gsplat", ".pt", read_checkpoint_scene, in_world_of_photos=True)
 CHECKPOINT_CKPT = Format(
     "Checkpoint of nerfstudio's splatfacto", ".ckpt", read_checkpoint_scene, in_world_of_photos=True
+)
+HUGSIM_FOLDER = Format(
+    "Exported scene of HUGSIM",
+    _HUGSIM_SCENE,
+    read_hugsim_folder,
+    folder=FolderLayout(_holds_hugsim, _list_hugsim_files),
+    in_world_of_photos=True,
 )

@@ -117,9 +117,41 @@ def build_hugsim_content(rng, count=30, ground=12):
     """HUGSIM's scene with its ground."""
     a, g = build_splat_arrays(rng, count), build_splat_arrays(rng, ground, scales=2)
     features = rng.normal(0, 1, (count, 20)).astype(np.float32)
-    head = (1, a["means"], a["dc"][:, None], a["rest"], features, a["scales"], a["quats"], a["opacities"], 5.2)
-    road = (1, g["means"], g["dc"][:, None], g["rest"], features[:ground], g["scales"], g["quats"], g["opacities"], 5.2)
-    return ((*head, OrderedDict(weight=features), road), 30000)
+    more = rng.normal(0, 1, (ground, 20)).astype(np.float32)
+    head = (1, a["means"], a["dc"][:, None], a["rest"], features, a["scales"], a["quats"], a["opacities"], 10)
+    road = (1, g["means"], g["dc"][:, None], g["rest"], more, g["scales"], g["quats"], g["opacities"])
+    return ((*head, OrderedDict(params=features[0]), road), 30000)
+
+
+def write_hugsim_scene(folder, rng, moments=5):
+    """HUGSIM's exported scene: a car with a fitted motion, one with the data set's poses, one without either."""
+    write_checkpoint(folder / "scene.pth", build_hugsim_content(rng))
+    for name, count in (("1", 14), ("2", 9), ("3", 6)):
+        a = build_splat_arrays(rng, count)
+        features = np.zeros((count, 20), np.float32)
+        # Scenes that were exported anew hold lists.
+        saved = [1, a["means"], a["dc"][:, None], a["rest"], features, a["scales"], a["quats"], a["opacities"], 10]
+        write_checkpoint(folder / f"dynamic_{name}.pth", (saved, 30000))
+    times = np.arange(moments) / 2
+    yaw = np.linspace(0.2, 0.9, moments)
+    path = np.stack([8 * times, 1.5 + 0 * times, 20 - 3 * times])
+    motion = (path[0], path[2], 0 * yaw, np.full((moments, 2), np.pi / 2), yaw, path[1], times, np.diff(times))
+    write_checkpoint(folder / "unicycle_1.pth", tuple(np.ascontiguousarray(array, "<f4") for array in motion))
+    corners = [[x, y, z] for x in (-2.2, 2.2) for y in (-1.6, 0.0) for z in (-0.9, 0.9)]
+    frames = []
+    for row in range(moments):
+        pose = np.eye(4)
+        pose[:3, 3] = -3, 1.4, 10 - row
+        pose[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+        dynamics = {"2": pose.tolist()} if row else {}
+        for camera in ("front", "left"):
+            fields = {"rgb_path": f"./images/cam_{camera}/{row:06d}.png", "timestamp": row / 2, "dynamics": dynamics}
+            size = {"width": 64, "height": 40, "intrinsics": np.diag([50.0, 50, 1, 1]).tolist()}
+            frames.append({**fields, **size, "camtoworld": np.eye(4).tolist()})
+    meta = {"camera_model": "OPENCV", "frames": frames, "verts": {"1": corners, "2": corners}}
+    (folder / "meta_data.json").write_text(json.dumps(meta))
+    (folder / "cfg.yaml").write_text("source_path: data\ndata_type: nuscenes\nunicycle: true\n")
+    return folder
 
 
 def build_class_state(rng, count, **more):
@@ -214,20 +246,6 @@ def build_street_content(rng):
 
     sky = {"params": OrderedDict(sky_cube_map=rng.uniform(0, 1, (6, 4, 4, 3)).astype(np.float32))}
     return {"background": state(30, 1), "obj_007": state(12, 5), "actor_pose": {}, "sky_cubemap": sky, "iter": 50000}
-
-
-def write_street_tracks(folder, frames=4):
-    """The data set's folders beside a checkpoint: a car that drives on, and a box beside it."""
-    (folder / "track").mkdir(parents=True)
-    (folder / "ego_pose").mkdir()
-    lines = ["frame_id track_id object_class alpha box_height box_width box_length box_center_x y z box_heading speed"]
-    for frame in range(frames):
-        pose = np.eye(4)
-        pose[0, 3] = 100 + 2 * frame
-        np.savetxt(folder / "ego_pose" / f"{frame:06d}.txt", pose)
-        np.savetxt(folder / "ego_pose" / f"{frame:06d}_0.txt", pose)
-        lines.append(f"{frame} 7 vehicle -10 1.5 1.9 4.5 8.0 {frame}.0 0.5 0.3 5.0")
-    (folder / "track" / "track_info.txt").write_text("\n".join(lines) + "\n")
 
 
 def write_training_folder(folder, write_ply, photos=3):

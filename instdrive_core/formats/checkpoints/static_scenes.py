@@ -1,12 +1,11 @@
-"""Checkpoints of scenes in which nothing moves: gsplat, nerfstudio's splatfacto, INRIA and HUGSIM.
+"""Checkpoints of scenes in which nothing moves: gsplat, nerfstudio's splatfacto and INRIA.
 
 Layouts, as their sources write them:
 
 - gsplat ``examples/simple_trainer.py``: ``{"step", "splats": {means, scales, quats, opacities, sh0, shN}}``;
 - nerfstudio ``splatfacto``: ``{"step", "pipeline": {"_model.gauss_params.means", …}}``, before 1.0 without
   ``gauss_params``; ``dataparser_transforms.json`` in the folder above says how the data set was turned and scaled;
-- INRIA ``GaussianModel.capture``: ``((degree, xyz, dc, rest, scaling, rotation, opacity, …), iteration)``, 12 entries;
-- HUGSIM: the same order with 3D features before the scaling, 9 entries, or 11 with the ground as another such tuple.
+- INRIA ``GaussianModel.capture``: ``((degree, xyz, dc, rest, scaling, rotation, opacity, …), iteration)``, 12 entries.
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ from instdrive_core.formats.allocation import ReadOptions
 from instdrive_core.formats.checkpoints.splat_part import (
     REMEDY,
     FieldNames,
-    SplatPart,
     read_parts,
     view_part,
 )
@@ -36,8 +34,7 @@ from instdrive_core.scene.transforms import Similarity, invert_transform, transf
 _GSPLAT = FieldNames("means", "quats", "scales", "opacities", "sh0", "shN")
 _SPLATFACTO = FieldNames("means", "quats", "scales", "opacities", "features_dc", "features_rest", True)
 _TUPLE = FieldNames("xyz", "rotation", "scaling", "opacity", "features_dc", "features_rest")
-_GROUND = replace(_TUPLE, flat_in_y=True)
-_INRIA_ENTRIES, _HUGSIM_ENTRIES, _HUGSIM_SCENE_ENTRIES = 12, 9, 11
+_INRIA_ENTRIES = 12
 _TRANSFORMS, _CONFIG = "dataparser_transforms.json", "config.yml"
 _MAX_CONFIG = 1 << 20
 
@@ -91,40 +88,19 @@ def read_splatfacto(file: TorchCheckpoint, tensors: Mapping[Any, Any], options: 
 
 
 def find_captured(file: TorchCheckpoint) -> tuple[Any, ...] | None:
-    """What INRIA's or HUGSIM's ``capture`` gives; None where it is another checkpoint."""
+    """What INRIA's ``capture`` gives; None where it is another checkpoint."""
     content = file.content
     if isinstance(content, tuple) and len(content) == 2 and isinstance(content[0], tuple):
-        known = (_INRIA_ENTRIES, _HUGSIM_ENTRIES, _HUGSIM_SCENE_ENTRIES)
-        return content[0] if len(content[0]) in known else None
+        return content[0] if len(content[0]) == _INRIA_ENTRIES else None
     return None
 
 
 def read_captured(file: TorchCheckpoint, captured: tuple[Any, ...], options: ReadOptions) -> Scene:
-    """Read what INRIA's trainer or HUGSIM has saved. Raises DataError."""
-    parts, left_out = [_view_captured(file, captured, "the scene")], []
-    if len(captured) == _HUGSIM_SCENE_ENTRIES:
-        left_out.append("the network of exposures: the splats' own colours are drawn")
-        ground = captured[-1]
-        if isinstance(ground, tuple) and len(ground) == _HUGSIM_ENTRIES:
-            parts.append(_view_captured(file, ground, "ground", _GROUND))
-    if len(captured) != _INRIA_ENTRIES:
-        left_out.append("semantic features per splat, which no palette names")
-        others = sorted(path.name for path in file.path.parent.glob("dynamic_*.pth") if path.name != file.path.name)
-        if others and not file.path.name.startswith("dynamic_"):
-            left_out.append(
-                f"{len(others)} moving objects in files of their own ({', '.join(others[:3])}): insert them"
-            )
-    gaussians, _ = read_parts(file.path, parts, options)
-    return replace(scene_from_gaussians(gaussians), left_out=tuple(left_out))
-
-
-def _view_captured(
-    file: TorchCheckpoint, captured: tuple[Any, ...], where: str, fields: FieldNames = _TUPLE
-) -> SplatPart:
-    names = ["degree", "xyz", "features_dc", "features_rest", "scaling", "rotation", "opacity"]
-    if len(captured) != _INRIA_ENTRIES:
-        names.insert(4, "features_3d")
-    return view_part(file, dict(zip(names, captured, strict=False)), fields, where)
+    """Read what INRIA's trainer has saved. Raises DataError."""
+    names = ("degree", "xyz", "features_dc", "features_rest", "scaling", "rotation", "opacity")
+    part = view_part(file, dict(zip(names, captured, strict=False)), _TUPLE, "the scene")
+    gaussians, _ = read_parts(file.path, [part], options)
+    return scene_from_gaussians(gaussians)
 
 
 def _read_dataparser_transform(path: Path) -> Similarity:

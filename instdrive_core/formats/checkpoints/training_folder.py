@@ -35,9 +35,9 @@ def read_training_folder(path: Path, options: ReadOptions = WHOLE) -> Scene:
     points, cameras, settings = _list_files(path)
     photos = _find_photos(settings)
     scene = read_ply(points, options)
-    left_out = ()
+    left_out = scene.left_out
     if (settings.parent / "exposure.json").is_file():
-        left_out = ("exposures of the photos (exposure.json): the splats' own colours are drawn",)
+        left_out = (*left_out, "exposures of the photos (exposure.json): the splats' own colours are drawn")
     return replace(scene, views=_read_views(cameras, photos), left_out=left_out)
 
 

@@ -53,6 +53,17 @@ def check_columns(names: tuple[str, ...], path: Path) -> tuple[int, int]:
     return rest // 3, features
 
 
+def count_waves(names: tuple[str, ...], path: Path) -> int:
+    """Count the coefficients of each channel's constant colour; more than one are a series over time.
+
+    Raises DataError where a column is missing.
+    """
+    count = _count_numbered("f_dc_", names, path)
+    if count % 3 or not count:
+        raise DataError(path, f"{count} f_dc columns are not as many for red, green and blue", "Export again")
+    return count // 3
+
+
 def view_columns(gaussians: Gaussians) -> dict[str, ndarray]:
     """View each INRIA property (n,) in the Gaussians' arrays, in the order INRIA writes them (without normals)."""
     views = {name: gaussians.means[:, axis] for axis, name in enumerate("xyz")}

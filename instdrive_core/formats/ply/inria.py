@@ -12,7 +12,7 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.files.atomic import open_atomically
-from instdrive_core.files.ply_header import PlyHeader, read_ply_header
+from instdrive_core.files.ply_header import PlyHeader, find_ply_vertices, read_ply_layout
 from instdrive_core.files.ply_rows import CHUNK_ROWS, read_ply_chunks
 from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
 from instdrive_core.formats.clouds.ply import is_point_cloud, read_ply_cloud
@@ -30,6 +30,7 @@ from instdrive_core.formats.ply.comments import build_comments, parse_comments
 from instdrive_core.formats.ply.compressed import read_compressed_ply
 from instdrive_core.formats.ply.compressed_layout import PACKED
 from instdrive_core.formats.ply.start_view import build_view_comments, read_sky_picture, write_sky_picture
+from instdrive_core.formats.ply.street_elements import is_street_ply, read_street_ply
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians, create_empty_gaussians
@@ -37,13 +38,16 @@ from instdrive_core.scene.scene import Scene
 
 
 def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
-    """Open a .ply of 3D Gaussians (ASCII, binary or packed), or of bare points as a cloud.
+    """Open a .ply of 3D Gaussians (ASCII, binary, packed or StreetGaussians'), or of bare points as a cloud.
 
     Raises DataError where anything about it is wrong.
     """
     path = Path(path)
     with path.open("rb") as file:
-        header = read_ply_header(file, path, path.stat().st_size)
+        layout = read_ply_layout(file, path)
+        if is_street_ply(layout):
+            return read_street_ply(file, layout, path, options)
+        header = find_ply_vertices(layout, path, path.stat().st_size)
         names = header.dtype.names or ()
         if set(PACKED) <= set(names):
             return read_compressed_ply(path, options)

@@ -9,6 +9,7 @@ from instdrive_core.cli.convert import convert
 from instdrive_core.cli.info import print_info
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
+from instdrive_core.formats.actors.sample_files import write_street_tracks
 from instdrive_core.formats.checkpoints.sample_files import (
     build_captured_content,
     build_drivestudio_content,
@@ -17,7 +18,6 @@ from instdrive_core.formats.checkpoints.sample_files import (
     build_splatfacto_content,
     build_street_content,
     write_checkpoint,
-    write_street_tracks,
 )
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.maths.activations import sigmoid
@@ -237,9 +237,9 @@ def test_street_gaussians_takes_tracks_from_its_data_set(tmp_path, rng):
     content = build_street_content(rng)
     path = write_checkpoint(tmp_path / "run" / "trained_model" / "iteration_50000.pth", content)
     bare = open_scene(path)
-    assert len(bare) == 30
+    assert len(bare) == 42
     assert not bare.actors
-    assert any("1 moving objects, as their tracks are in the data set" in sentence for sentence in bare.left_out)
+    assert any(sentence.startswith("tracks of 1 moving objects, which lie in a row") for sentence in bare.left_out)
     write_street_tracks(tmp_path / "run")
     scene = open_scene(path, time=0.2)
     (track,) = scene.actors
