@@ -13,7 +13,7 @@ from instdrive_core.formats.registry import FORMATS, is_scene_folder
 from instdrive_core.project.save import SUFFIX
 
 SCENE_ENDINGS = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
-FILE_ENDINGS = (*SCENE_ENDINGS, SUFFIX, ".json", ".glb", ".png")
+FILE_ENDINGS = (*SCENE_ENDINGS, SUFFIX, ".json", ".glb", ".png", ".mp4", ".webm")
 """File endings that a folder's name must not have."""
 
 
