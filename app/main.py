@@ -28,12 +28,20 @@ COMMANDS = {
         "instdrive_core.cli.synth:record_synthetic_drive",
         "Write a synthetic driving clip in PandaSet's layout, with exact instance labels.",
     ),
+    "prepare": CliCommand(
+        "instdrive_core.cli.prepare:prepare",
+        "Make a clip of a video or a folder of photos: pictures are chosen and their poses found.",
+    ),
     "masks": CliCommand(
         "instdrive_core.cli.masks:create_masks", "Write instance masks for the training photos of a clip."
     ),
     "tracks": CliCommand(
         "instdrive_core.cli.tracks:tracks",
         "Find what moves in a clip's LiDAR sweeps, without cuboids or classes.",
+    ),
+    "make": CliCommand(
+        "instdrive_core.cli.make:make_scene",
+        "Make a scene of photos, a video or a drive: poses, masks, training and evaluation in one go.",
     ),
     "train": CliCommand("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
     "eval": CliCommand("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),

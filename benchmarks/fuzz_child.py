@@ -21,6 +21,7 @@ from typing import Any
 from benchmarks.fuzz_pickles import MARKER
 from benchmarks.fuzz_readers import READERS, Read
 from instdrive_core.errors import InstDriveError
+from instdrive_core.formats.usd.stage import load_usd
 
 ALLOWANCE = 200 << 20
 """Bytes that reading any file may take."""
@@ -126,6 +127,7 @@ def serve(requests: Connection, seen: Iterable[Line], readers: Mapping[str, Call
     resource.setrlimit(resource.RLIMIT_FSIZE, (64 << 20, 64 << 20))
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
+    _load_usd()
     tracer, outside = LineTracer(seen), OpenedOutside()
     while True:
         try:
@@ -136,6 +138,16 @@ def serve(requests: Connection, seen: Iterable[Line], readers: Mapping[str, Call
         outside.watch(folder, kind)
         outcome = _watch(readers[kind], Path(folder) / entry, size, tracer)
         requests.send(replace(outcome, result="crash", detail=f"opened {outside.found}") if outside.found else outcome)
+
+
+def _load_usd() -> None:
+    """Load OpenUSD with its plugins and threads: they take more memory than any file may."""
+    sdf, usd, geom = load_usd("Sdf"), load_usd("Usd"), load_usd("UsdGeom")
+    stage = usd.Stage.CreateInMemory()
+    geom.Xform.Define(stage, "/scene")
+    for ending in ("usda", "usdc"):
+        sdf.Layer.CreateAnonymous(f".{ending}").TransferContent(stage.GetRootLayer())
+    geom.XformCache().GetLocalToWorldTransform(stage.GetPrimAtPath("/scene"))
 
 
 def _watch(reader: Callable[[Path], Read], path: Path, size: int, tracer: LineTracer) -> Outcome:

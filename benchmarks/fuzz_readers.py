@@ -155,8 +155,9 @@ def read_mask_folder(path: Path) -> Read:
 
 
 READERS: dict[str, Callable[[Path], Read]] = {
-    **dict.fromkeys(("ply", "compressed_ply", "splat", "spz", "sog", "sog_folder"), read_scene),
-    **dict.fromkeys(("sog_levels", "scene_folder", "checkpoint", "training_folder"), read_scene),
+    **dict.fromkeys(("ply", "compressed_ply", "splat", "spz", "ksplat", "lcc", "gltf", "usd", "html"), read_scene),
+    "cloud": read_scene,
+    **dict.fromkeys(("sog", "sog_folder", "sog_levels", "scene_folder", "checkpoint", "training_folder"), read_scene),
     "project": read_project,
     "journal": read_journal_folder,
     "edits": read_edits,

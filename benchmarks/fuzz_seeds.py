@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import laspy
 import numpy as np
 from PIL import Image
 
@@ -34,6 +35,9 @@ from instdrive_core.formats.checkpoints.sample_files import (
     write_street_tracks,
     write_training_folder,
 )
+from instdrive_core.formats.clouds.sample_files import build_pcd
+from instdrive_core.formats.ksplat.sample_files import build_ksplat
+from instdrive_core.formats.lcc.sample_files import build_lcc
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.formats.spz.scenes import write_spz
 from instdrive_core.project.edit_log import LoggedHistory, diff_histories
@@ -47,6 +51,7 @@ from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
 
+_PAGE_DATA = b'<script type="text/plain" id="instdrive-about">'
 Files = dict[str, bytes]
 """Content by name, relative to a folder, with ``/``."""
 
@@ -115,8 +120,39 @@ def _list_scene_seeds(folder: Path) -> Iterator[Seed]:
     yield written("splat", "scene.splat", lambda path: save_scene(path, still))
     for version in (1, 2, 3, 4):
         yield written("spz", f"v{version}.spz", lambda path, version=version: write_spz(path, still, version))
+    for name in ("scene.glb", "scene.gltf"):
+        yield written("gltf", name, lambda path: save_scene(path, still))
+    moving = replace(drive, views=(), sky=None, exposures=None)
+    for name in ("scene.usda", "scene.usdc", "scene.usdz"):
+        yield written("usd", name, lambda path: save_scene(path, moving))
+    yield _strip_viewer(written("html", "page.html", lambda path: save_scene(path, still)))
+    rng = np.random.default_rng(4)
+    for level in (0, 1, 2):
+        name = f"level{level}.ksplat"
+        yield Seed("ksplat", name, {name: build_ksplat(rng, [(37, 1), (9, 0)], level)}, name)
+    yield from _list_cloud_seeds(rng)
+    yield Seed("lcc", "quality", build_lcc(rng, environment=5))
+    yield Seed("lcc", "portable", build_lcc(rng, harmonics=False), "meta.lcc")
     save_scene(folder / "run", drive)
     yield Seed("scene_folder", "run", read_files_below(folder / "run"))
+
+
+def _strip_viewer(page: Seed) -> Seed:
+    """A page without the viewer's script and styles, which readers pass over and which are most of it."""
+    return replace(page, files={name: page[page.index(_PAGE_DATA) :] for name, page in page.files.items()})
+
+
+def _list_cloud_seeds(rng: np.random.Generator) -> Iterator[Seed]:
+    points, colors = rng.normal(0, 9, (50, 3)), rng.integers(0, 255, (50, 3))
+    for form in ("ascii", "binary", "binary_compressed"):
+        yield Seed("cloud", f"{form}.pcd", {f"{form}.pcd": build_pcd(points, colors, form)}, f"{form}.pcd")
+    for ending in ("las", "laz"):
+        data: Any = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+        data.header.scales = [0.001] * 3
+        data.x, data.y, data.z = points.T
+        file = io.BytesIO()
+        data.write(file, do_compress=ending == "laz")
+        yield Seed("cloud", f"a.{ending}", {f"a.{ending}": file.getvalue()}, f"a.{ending}")
 
 
 def _convert_ply(content: bytes, order: str) -> bytes:

@@ -7,6 +7,7 @@ with ``--train`` the gap in PSNR between the ``demo`` preset trained from the or
 from __future__ import annotations
 
 import json
+import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -108,14 +109,15 @@ def _measure_gaps(original: Clip, found: dict[str, dict[str, Any]], work: Path) 
 
     steps = [frame.view.index for frame in original.frames]
     first: dict[int, float] = {}
-    for number, entry in enumerate(found.values()):
+    for number, (title, entry) in enumerate(found.items()):
         cameras = len(load_clip(entry["folder"], ClipOptions()).camera_names)
         names = ",".join(original.camera_names[:cameras])
         if cameras not in first:
             options = ClipOptions(names, first_frame=steps[0], last_frame=steps[-1])
             first[cameras] = train_for_psnr(Path(original.path), options, work / f"original-{cameras}")
         trained = train_for_psnr(Path(entry["folder"]), ClipOptions(), work / f"layout-{number}")
-        entry["psnr_gap"] = round(trained - first[cameras], 3)
+        entry["psnr"], entry["psnr_gap"] = round(trained, 3), round(trained - first[cameras], 3)
+        print(f"{title}: {trained:.3f} dB, gap {entry['psnr_gap']:+.3f} dB", file=sys.stderr)
 
 
 if __name__ == "__main__":

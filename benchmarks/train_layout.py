@@ -6,15 +6,14 @@ from pathlib import Path
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.evaluation.protocol import evaluate_run
-from instdrive_core.training.run import RunRequest
+from instdrive_core.training.run import RunRequest, run_training
 from instdrive_core.training.settings.config import build_train_config
 
 
 def train_for_psnr(clip: Path, options: ClipOptions, run: Path) -> float:
     """Train into the folder `run`; mean PSNR of held-out photos in dB."""
-    train(
-        RunRequest(clip, run, options, build_train_config("instdrive", "demo")), lambda event: None, lambda note: None
-    )
+    request = RunRequest(clip, run, options, build_train_config("instdrive", "demo"))
+    run_training(request, lambda event: None, lambda note: None)
     found = evaluate_run(run).figures["psnr"]
     assert isinstance(found, float)
     return found

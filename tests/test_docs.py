@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 RUN_FOR_REAL = {"apply", "convert", "info", "objects", "render"}
 """Others train, measure, open a window or need weights: seconds to minutes, and tested elsewhere."""
-NOT_OURS = {"make", "pip", "hf", "python", "git", "sudo", "."}
+NOT_OURS = {"make", "npm", "pip", "hf", "python", "git", "sudo", "."}
 """Programs whose lines are not run here."""
 LANGUAGES = {"python", "sh", "text", "mermaid", "json", "toml", "yaml"}
 

@@ -18,7 +18,7 @@ from wheel_of_checkout import PIP, ROOT, build_wheel, copy_sources, run
 from instdrive_core.extras import EXTRAS, explain_missing_module
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-IMPORT_NAMES = {"opencv-python-headless": "cv2", "scikit-image": "skimage"}
+IMPORT_NAMES = {"opencv-python-headless": "cv2", "scikit-image": "skimage", "usd-core": "pxr"}
 """Import names that differ from the distribution's."""
 SAMPLE = ROOT / "assets" / "sample_scene"
 EDIT_AND_EXPORT = """
@@ -102,7 +102,16 @@ def finish(environment, *command):
 def test_extras_are_those_of_the_project():
     declared = {
         IMPORT_NAMES.get(requirement.name, requirement.name): extra
-        for extra in ("train", "cuda", "sam", "datasets")
+        for extra in (
+            "capture",
+            "train",
+            "cuda",
+            "sam",
+            "datasets",
+            "usd",
+            "clouds",
+            "video",
+        )  # the later of two is named
         for requirement in map(Requirement, PROJECT["optional-dependencies"][extra])
         if requirement.name != "instdrive"
     }

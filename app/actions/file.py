@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 from instdrive_app.action import Action, MenuItem
 from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.files.sample import find_sample_scene, has_sample_scene
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import AskExport, AskPath
+from instdrive_app.session.making.job_controller import REPORT
+from instdrive_app.session.requests import AskExport, AskNewScene, AskPath, ShowPanel
 
 
 def list_actions(session: EditorSession) -> list[Action]:
     """List the File menu."""
-    return [*_list_opening(session), *_list_saving(session), *_list_exporting(session), *_list_leaving(session)]
+    return [
+        *_list_opening(session),
+        *_list_saving(session),
+        *_list_exporting(session),
+        *_list_runs(session),
+        *_list_leaving(session),
+    ]
 
 
 def _list_opening(session: EditorSession) -> list[Action]:
@@ -21,6 +29,15 @@ def _list_opening(session: EditorSession) -> list[Action]:
         return [(path.name, partial(session.files.leave_for, path)) for path in session.files.recents.paths]
 
     return [
+        Action(
+            "file.new",
+            "New from photos, video or a drive…",
+            put_request(session, AskNewScene()),
+            "File",
+            ("Ctrl+N",),
+            icon="ICON_FA_WAND_MAGIC_SPARKLES",
+            words=("train", "make", "capture", "reconstruct", "video", "photos"),
+        ),
         Action(
             "file.open", "Open…", put_request(session, AskPath("open")), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"
         ),
@@ -116,12 +133,51 @@ def _list_exporting(session: EditorSession) -> list[Action]:
     ]
 
 
+def _list_runs(session: EditorSession) -> list[Action]:
+    return [
+        Action(
+            "file.training",
+            "Show training",
+            put_request(session, ShowPanel("Training")),
+            "File",
+            enabled=lambda: session.making.run is not None,
+            icon="ICON_FA_CHART_LINE",
+            separator=True,
+            needs="There is no training; begin one with New from photos, video or a drive",
+        ),
+        Action(
+            "file.report",
+            "Open the evaluation",
+            lambda: session.making.open_page(find_report(session)),
+            "File",
+            enabled=lambda: find_report(session).is_file(),
+            icon="ICON_FA_CHART_COLUMN",
+            words=("report", "psnr", "measure"),
+            needs="The open scene is no run that was evaluated",
+        ),
+        Action(
+            "file.compare_runs",
+            "Compare runs",
+            put_request(session, ShowPanel("Runs")),
+            "File",
+            icon="ICON_FA_SCALE_BALANCED",
+            words=("compare", "psnr", "table"),
+        ),
+    ]
+
+
+def find_report(session: EditorSession) -> Path:
+    """Locate the page of the evaluation of the open run; there may be none."""
+    path = session.files.path
+    return path / REPORT if path is not None else Path("no run", REPORT)
+
+
 def _list_leaving(session: EditorSession) -> list[Action]:
     return [
         Action(
             "file.quit",
             "Quit",
-            lambda: session.files.leave(session.quit),
+            session.leave,
             "File",
             ("Ctrl+Q",),
             icon="ICON_FA_POWER_OFF",

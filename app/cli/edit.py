@@ -72,4 +72,5 @@ def run_editor(path: Path, options: WindowOptions | None = None, left_out: Seque
     if left_out:
         session.messages.info(f"One scene is open at a time: {path.name}. Left out: {join_names(left_out)}")
     session.files.offer_recovery()
+    session.making.offer_unfinished()
     window.run()

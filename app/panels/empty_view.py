@@ -16,7 +16,7 @@ RECENTS = 6
 
 
 class EmptyView:
-    """Shows two buttons, recent files and a hint; while the first scene is being opened, the progress."""
+    """Shows three buttons, recent files and a hint; while the first scene is being opened, the progress."""
 
     def __init__(self) -> None:
         self._height = 0.0
@@ -55,7 +55,12 @@ class EmptyView:
             commands.run("file.sample")
         imgui.end_disabled()
         ui.mark("empty.sample")
-        _draw_centered("or drop a file or run folder here", left, width, DIM)
+        if imgui.button(
+            f"{get_icon('ICON_FA_WAND_MAGIC_SPARKLES')}   New from photos, video or a drive…", ImVec2(width, tall)
+        ):
+            commands.run("file.new")
+        ui.mark("empty.new")
+        _draw_centered("or drop a scene, a video or a folder here", left, width, DIM)
         line = imgui.get_text_line_height_with_spacing()
         room = int((bottom - imgui.get_cursor_screen_pos().y - 3 * line) / line)
         recents = ui.session.files.recents.paths[: max(min(RECENTS, room), 0)]

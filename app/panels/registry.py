@@ -12,7 +12,9 @@ from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector.panel import InspectorPanel
 from instdrive_app.panels.instances.panel import InstancesPanel
 from instdrive_app.panels.log import LogPanel
+from instdrive_app.panels.runs import RunsPanel
 from instdrive_app.panels.timeline import TimelinePanel
+from instdrive_app.panels.training import TrainingPanel
 from instdrive_app.panels.viewport import ViewportPanel
 from instdrive_app.panels.views import ViewsPanel
 from instdrive_app.panels.widgets.ui import Ui
@@ -53,5 +55,7 @@ PANELS = (
     PanelRecord("Filter", "ICON_FA_FILTER", "RightBottom", FilterPanel, shown=False),
     PanelRecord("Views", "ICON_FA_BOOKMARK", "RightBottom", ViewsPanel, shown=False),
     PanelRecord("Camera path", "ICON_FA_CLAPPERBOARD", "Bottom", CameraPathPanel, shown=False),
+    PanelRecord("Training", "ICON_FA_CHART_LINE", "RightBottom", TrainingPanel, shown=False),
+    PanelRecord("Runs", "ICON_FA_SCALE_BALANCED", "RightBottom", RunsPanel, shown=False),
 )
 """The panels, in the order of their tabs."""

@@ -21,6 +21,8 @@ from instdrive_app.session.files.opening import OpenedDocument
 from instdrive_app.session.history_controller import HistoryController
 from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
+from instdrive_app.session.making.job_controller import JobController
+from instdrive_app.session.making.run_comparison import RunComparison
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.navigation import Navigation
 from instdrive_app.session.reference_pictures import ReferencePictures
@@ -59,6 +61,8 @@ class EditorSession:
 
         self.aids = Aids(context)
         self.files = DocumentFiles(context, self._enter, self._store_more, self._get_more_version)
+        self.making = JobController(context, self.files)
+        self.comparison = RunComparison(context, self.making.known, self.files.recents)
         self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)
         self.navigation = Navigation(context)
@@ -148,12 +152,17 @@ class EditorSession:
         self.jobs.poll()
         self.history.tick()
         self.files.autosave.tick()
+        self.making.tick()
         self.orientation.tick()
         self._deferred_bounds.tick()
         self.navigation.tick(seconds)
         self.camera_path.tick(seconds)
         self.deletion.review.tick(seconds, self.movement.drag is not None)
         self.state.is_solo = bool(self.visibility.solo.ids)
+
+    def leave(self) -> None:
+        """Close the window, once the user has been asked about unsaved changes and about a running job."""
+        self.files.leave(lambda: self.making.leave(self.quit))
 
     def quit(self) -> None:
         """Close the window after this frame."""

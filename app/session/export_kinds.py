@@ -19,7 +19,7 @@ from instdrive_core.filming.camera_path import CameraKey, CameraPath
 from instdrive_core.filming.film import CODECS, FilmSettings, check_film, write_film
 from instdrive_core.filming.path_file import write_camera_path
 from instdrive_core.formats.objects.writers import SUFFIXES, write_objects
-from instdrive_core.formats.registry import FORMATS
+from instdrive_core.formats.registry import FORMATS, find_format_to_write
 from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic
 from instdrive_core.masks.export.id_maps import MAX_SIDE, choose_views, render_id_maps
 from instdrive_core.masks.export.id_pictures import save_png, write_id_pictures
@@ -32,8 +32,10 @@ from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 
 What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view", "film"]
-WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
-"""Endings of scene files."""
+WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix.startswith(".") and fmt.write is not None)
+"""Endings of scene files; names that folders are known by are none."""
+WITH_TRACKS = tuple(fmt.suffix for fmt in FORMATS if fmt.keeps_tracks)
+"""Endings of those that keep the tracks of moving objects; that of a folder is empty."""
 _BAKING = 0.2
 RENDERED_MODES: dict[ViewMode, Look] = {
     ViewMode.COLOR: "color",
@@ -134,9 +136,9 @@ def _write_selection(request: ExportRequest) -> str:
 
 def _write_scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
     path, choice = request.path, request.choice
-    is_folder = not path.suffix or path.is_dir()
-    time = None if is_folder and choice.keep_tracks else request.time
     sibr = choice.sibr and path.name.lower().endswith(".ply")
+    keeps_tracks = choice.keep_tracks and find_format_to_write(path, sibr)[0].keeps_tracks
+    time = None if keeps_tracks else request.time
     count = export_scene(request.document, path, time, rows, sibr=sibr, start=_make_start(request))
     return f"Exported {format_count(count, 'splat')} to {path}, read back and compared"
 

@@ -1,4 +1,5 @@
-"""Inserting other scenes: in front of the camera, side by side, on the ground, selected."""
+"""Inserting other scenes: in front of the camera, side by side, on the ground, selected; clouds of points where their
+coordinates have them."""
 
 from __future__ import annotations
 
@@ -27,6 +28,8 @@ NEAREST = 8.0
 """Metres from the camera to a small inserted object; larger ones stand farther away."""
 GAP = 1.0
 """Metres between scenes inserted together."""
+FARTHEST_CLOUD = 1000.0
+"""Metres from the middle of the scene to that of a cloud of points that lies in the same coordinates."""
 EYE_HEIGHT = 1.6
 """Metres below the camera at which a scene stands where no ground is found."""
 
@@ -103,7 +106,8 @@ def estimate_foreign_up(source: Scene, path: Path) -> UpEstimate | None:
 
 
 def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: float, edge: float | None = None) -> Spot:
-    """Find a place on the ground in front of the camera; right of `edge` where a scene was inserted already.
+    """Find a place on the ground in front of the camera; right of `edge` where a scene was inserted already. Clouds of
+    points that lie near the scene stay where they are.
 
     Raises EditError where the scene has no splats.
     """
@@ -111,6 +115,11 @@ def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: flo
         raise EditError("the scene to be inserted has no splats")
     means = _find_solid_means(source, time)
     low, high = np.array(compute_middle_bounds(means))
+    if is_made_of_points(source):
+        shift = source.origin - document.scene.origin
+        if np.linalg.norm(0.5 * (low + high) + shift - _find_middle(document)) < FARTHEST_CLOUD:
+            x, y, z = shift.tolist()
+            return Spot((x, y, z), 0.0, " where its coordinates have it")
     size, right = (high - low)[:2], _find_right(viewpoint)
     half_width = float(np.abs(right[:2]) @ size) / 2
     aside = 0.0 if edge is None else edge + GAP + half_width
@@ -124,6 +133,19 @@ def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: flo
         note = f"; {error}, so it stands {EYE_HEIGHT:g} m below the camera"
     x, y = (place - (low + high) / 2)[:2].tolist()
     return Spot((x, y, ground - bottom), aside + half_width, note)
+
+
+def is_made_of_points(source: Scene) -> bool:
+    """Whether a scene was a cloud of points: round splats, and nothing else."""
+    gaussians = source.gaussians
+    if source.actors or len(source.table) or gaussians.sh_degree:
+        return False
+    return bool((gaussians.log_scales == gaussians.log_scales[:, :1]).all() and (gaussians.quats[:, 1:] == 0).all())
+
+
+def _find_middle(document: Document) -> Float64[ndarray, "3"]:
+    means = document.scene.gaussians.means
+    return np.median(means[:: max(1, len(means) // 10_000)], axis=0).astype(np.float64)
 
 
 def _find_place_ahead(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"]:

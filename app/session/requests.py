@@ -131,6 +131,29 @@ class AskTooLarge(Request):
 
 
 @dataclass(frozen=True)
+class AskNewScene(Request):
+    """Ask what a new scene is to be made of, and for how long."""
+
+    source: Path | None = None
+    """What was dropped; None = the user chooses."""
+
+
+@dataclass(frozen=True)
+class AskLeaveJob(Request):
+    """Ask what becomes of the job that runs when the editor closes."""
+
+    then: Callable[[], None]
+    """What closes it."""
+
+
+@dataclass(frozen=True)
+class OfferJob(Request):
+    """Offer to go on with a job that was stopped, or whose process has ended."""
+
+    run: Path
+
+
+@dataclass(frozen=True)
 class OfferRecovery(Request):
     """Offer the work of editors that ended without saving."""
 

@@ -243,7 +243,7 @@ class EditorWindow:
             self._session.is_quitting = True
         parameters = hello_imgui.get_runner_params()
         if parameters.app_shall_exit and not self._session.is_quitting:  # the window's own cross
-            self._session.files.leave(self._session.quit)
+            self._session.leave()
         parameters.app_shall_exit = self._session.is_quitting
         parameters.fps_idling.enable_idling = self._steps is None
         parameters.fps_idling.fps_idle = WAITING_FPS if self._is_waiting() else IDLE_FPS

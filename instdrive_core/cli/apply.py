@@ -80,12 +80,13 @@ def apply(
         save_project(out, document, view)
         print(f"{out}: {format_count(len(document.history.done), 'edit')} of {scene}")
         return
-    if time is None and out.suffix and not out.is_dir() and document.scene.actors:
+    fmt, _ = find_format_to_write(out, sibr)
+    if time is None and document.scene.actors and not fmt.keeps_tracks:
         time = find_default_time(document.scene)
         print(f"moving objects are placed where they are at {time:g} s (--time)")
     result = bake_document(document, time) if rows is None else bake_part(document, rows, time)
     save_scene(out, result, sibr=sibr)
-    parts.write(document, shown, find_format_to_write(out)[0].suffix, sibr)
+    parts.write(document, shown, fmt.suffix, sibr)
     held = f"{format_count(len(result), 'splat')}, {format_count(len(result.table), 'instance')}"
     print(f"{out}: {held} ({format_count(len(document.history.done), 'edit')} applied)")
 

@@ -19,6 +19,7 @@ BEST = "★"
 def compare(
     runs: tyro.conf.Positional[tuple[Path, ...]],
     html: Path | None = None,
+    json: Path | None = None,
     fresh: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Put measured runs side by side.
@@ -27,6 +28,7 @@ def compare(
         runs: Folders of runs, or files that `eval --json` wrote. A folder's eval.json is used where it is newer than
             the scene; else the run is evaluated first.
         html: File to write a page into, with the same held-out views of each run and its training curves.
+        json: File to write the table into, as it reads: names of the runs, rows of cells, notes.
         fresh: Evaluate every folder again.
     """
     from rich.console import Console
@@ -44,9 +46,23 @@ def compare(
     console.print(build_comparison_table(measured))
     for text in find_differences(measured):
         console.print(f"Note: {text}", markup=False, highlight=False, soft_wrap=True)
+    if json is not None:
+        _write_table(json, measured)
     if html is not None:
         write_comparison(html, measured)
         console.print(f"comparison written to {html}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _write_table(path: Path, runs: Sequence[MeasuredRun]) -> None:
+    from dataclasses import asdict
+    from json import dumps
+
+    from instdrive_core.evaluation.comparison import compare_runs, find_differences
+    from instdrive_core.files.atomic import write_bytes
+
+    rows = [{"title": figure.title, "cells": [asdict(cell) for cell in cells]} for figure, cells in compare_runs(runs)]
+    table = {"names": [run.name for run in runs], "rows": rows, "notes": find_differences(runs)}
+    write_bytes(path, (dumps(table, indent=1) + "\n").encode())
 
 
 def build_comparison_table(runs: Sequence[MeasuredRun]) -> Table:

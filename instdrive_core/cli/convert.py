@@ -9,7 +9,7 @@ import tyro
 from instdrive_core.cli.arguments import choose_time
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
-from instdrive_core.formats.registry import open_scene, save_scene
+from instdrive_core.formats.registry import find_format_to_write, open_scene, save_scene
 from instdrive_core.project.open import open_edited_scene
 from instdrive_core.project.save import is_project
 from instdrive_core.scene.scene import Scene
@@ -38,10 +38,10 @@ def convert(
     opened = open_edited_scene(scene, keep_every, time)
     for sentence in opened.left_out:
         print(f"left out on opening: {sentence}")
-    in_one_file = bool(out.suffix) and not out.is_dir()
-    if time is not None or (in_one_file and opened.actors):
+    freezes = bool(opened.actors) and not find_format_to_write(out, sibr)[0].keeps_tracks
+    if time is not None or freezes:
         time = choose_time(opened, time)
-    if in_one_file and opened.actors:
+    if freezes:
         print(f"moving objects are placed where they are at {time:g} s (--time)")
     if time is not None:
         everything = len(opened)

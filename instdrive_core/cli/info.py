@@ -8,9 +8,9 @@ import numpy as np
 import tyro
 from PIL import Image
 
-from instdrive_core.cli.clip_facts import list_clip_facts
 from instdrive_core.cli.histogram_picture import draw_histograms
 from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.clip_facts import list_clip_facts
 from instdrive_core.datasets.registry import find_data_set
 from instdrive_core.errors import OptionError
 from instdrive_core.files.atomic import open_atomically
@@ -24,7 +24,13 @@ SHOWN_ROWS = 3
 
 
 def print_info(
-    scene: tyro.conf.Positional[Path], *, instances: int = 20, histogram: Path | None = None, keep_every: int = 1
+    scene: tyro.conf.Positional[Path],
+    *,
+    instances: int = 20,
+    histogram: Path | None = None,
+    keep_every: int = 1,
+    first: int | str | None = None,
+    last: int | str | None = None,
 ) -> None:
     """Print what a scene file or a driving clip holds.
 
@@ -35,13 +41,18 @@ def print_info(
         instances: How many instances to list, the largest first.
         histogram: PNG file to write: how opacities, sizes, colours and places of the splats are spread.
         keep_every: 3 opens every 3rd splat only, each made larger: for scenes that do not fit into memory.
+        first: First time step of a clip to look at, e.g. 30, or seconds, e.g. 3s.
+        last: Last time step or second to look at, e.g. 59 or 8.5s.
     """
     if histogram is not None and histogram.suffix.lower() != ".png":
         raise OptionError(f"--histogram {histogram} does not end in .png, the only format that is written")
     data_set = find_data_set(str(scene))
     if data_set is not None:
-        _print_facts(list_clip_facts(data_set.title, data_set.load(str(scene), ClipOptions(scale=1.0))))
+        part = ClipOptions(scale=1.0, first_frame=first, last_frame=last)
+        _print_facts(list_clip_facts(data_set.title, data_set.load(str(scene), part)))
         return
+    if first is not None or last is not None:
+        raise OptionError(f"--first and --last choose a part of a driving clip, and {scene} is none; leave them out")
     opened = open_edited_scene(scene, keep_every)
     _print_facts(_list_facts(opened))
     _print_findings(find_defects(opened))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8, UInt32
 from numpy import ndarray
+from tyro.conf import arg
 
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.track import Track
@@ -144,10 +146,12 @@ class ClipOptions:
     place: the first, the first three, all."""
     scale: float | None = None
     """Image scale relative to the photos on disk, up to 1; default: makes them 480 pixels wide (PandaSet: 0.25)."""
-    first_frame: int | None = None
-    """First time step to use; default: the clip's first."""
-    last_frame: int | None = None
-    """Last time step to use, inclusive; default: the clip's last."""
+    first_frame: Annotated[int | str | None, arg(name="first", aliases=["--first-frame"])] = None
+    """First time step to use, e.g. 30, or seconds since the log's first, e.g. 3s; default: the log's first."""
+    last_frame: Annotated[int | str | None, arg(name="last", aliases=["--last-frame"])] = None
+    """Last time step or second to use, inclusive, e.g. 59 or 8.5s; default: the log's last."""
+    fisheye_field: float = 100.0
+    """Degrees across the photos of fisheye cameras that are kept; they are read as pinhole photos. Up to 160."""
 
 
 def choose_origin(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:

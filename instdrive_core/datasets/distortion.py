@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 from scipy import ndimage
 
+from instdrive_core.datasets.fisheye import Fisheye
 from instdrive_core.scene.camera import Camera
 
 
@@ -35,6 +36,16 @@ class Distortion:
         with np.errstate(over="ignore", invalid="ignore"):  # what is so far off is in no photo
             return self._distort(x, y)
 
+    def distort_radius(self, radius: Float64[ndarray, " n"]) -> Float64[ndarray, " n"]:
+        """Compute the radius at which the lens shows a pinhole's, without shifts."""
+        r2 = radius * radius
+        with np.errstate(over="ignore", invalid="ignore"):
+            return radius * (1 + _evaluate_series(self.radial, r2)) / (1 + _evaluate_series(self.denominator, r2))
+
+    def scale_intrinsics(self, camera: Camera) -> tuple[float, float, float, float]:
+        """Return fx, fy, cx, cy of the photo: the pinhole's own."""
+        return camera.fx, camera.fy, camera.cx, camera.cy
+
     def _distort(self, x: Float64[ndarray, "*n"], y: Float64[ndarray, "*n"]) -> tuple[ndarray, ndarray]:
         r2 = x * x + y * y
         factor = (1 + _evaluate_series(self.radial, r2)) / (1 + _evaluate_series(self.denominator, r2))
@@ -45,7 +56,10 @@ class Distortion:
         )
 
 
-def undistort(image: UInt8[ndarray, "h w 3"], camera: Camera, distortion: Distortion) -> UInt8[ndarray, "h w 3"]:
+AnyDistortion = Distortion | Fisheye
+
+
+def undistort(image: UInt8[ndarray, "h w 3"], camera: Camera, distortion: AnyDistortion) -> UInt8[ndarray, "h w 3"]:
     """Make the photo that a pinhole with the camera's intrinsics would have taken, interpolated bilinearly."""
     rows, columns = _find_source_pixels(camera, distortion)
     channels = [
@@ -55,7 +69,7 @@ def undistort(image: UInt8[ndarray, "h w 3"], camera: Camera, distortion: Distor
     return np.clip(np.round(np.stack(channels, axis=2)), 0, 255).astype(np.uint8)
 
 
-def find_covered_pixels(camera: Camera, distortion: Distortion) -> Bool[ndarray, "h w"]:
+def find_covered_pixels(camera: Camera, distortion: AnyDistortion) -> Bool[ndarray, "h w"]:
     """Find the pixels of the undistorted photo that the photo on disk shows."""
     rows, columns = _find_source_pixels(camera, distortion)
     inside = (rows >= -0.5) & (rows <= camera.height - 0.5) & (columns >= -0.5) & (columns <= camera.width - 0.5)
@@ -63,11 +77,12 @@ def find_covered_pixels(camera: Camera, distortion: Distortion) -> Bool[ndarray,
 
 
 def _find_source_pixels(
-    camera: Camera, distortion: Distortion
+    camera: Camera, distortion: AnyDistortion
 ) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
     """Find row and column in the photo on disk (0 = centre of the first pixel) of each undistorted pixel."""
     x, y = distortion.distort(*_compute_pinhole_coordinates(camera))
-    return y * camera.fy + camera.cy - 0.5, x * camera.fx + camera.cx - 0.5
+    fx, fy, cx, cy = distortion.scale_intrinsics(camera)
+    return y * fy + cy - 0.5, x * fx + cx - 0.5
 
 
 def _compute_pinhole_coordinates(camera: Camera) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
@@ -75,13 +90,12 @@ def _compute_pinhole_coordinates(camera: Camera) -> tuple[Float64[ndarray, "h w"
     return (columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy
 
 
-def _is_before_fold(camera: Camera, distortion: Distortion) -> Bool[ndarray, "h w"]:
+def _is_before_fold(camera: Camera, distortion: AnyDistortion) -> Bool[ndarray, "h w"]:
     """Whether the distorted radius still rises with the radius: beyond, the polynomial folds back and means nothing."""
     x, y = _compute_pinhole_coordinates(camera)
     radius = np.hypot(x, y)
     steps = np.linspace(0, radius.max(), 512)
-    shown = distortion.distort(steps, np.zeros_like(steps))[0] - distortion.tangential[1] * 3 * steps**2
-    falling = np.flatnonzero(np.diff(shown) <= 0)
+    falling = np.flatnonzero(np.diff(distortion.distort_radius(steps)) <= 0)
     return radius <= (steps[falling[0]] if len(falling) else np.inf)
 
 

@@ -15,7 +15,8 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions
-from instdrive_core.datasets.distortion import Distortion
+from instdrive_core.datasets.distortion import AnyDistortion, Distortion
+from instdrive_core.datasets.fisheye import Fisheye
 from instdrive_core.datasets.photos import read_photo_size
 from instdrive_core.datasets.point_cloud import read_point_ply
 from instdrive_core.datasets.posed_photos import (
@@ -33,7 +34,8 @@ LISTING = "transforms.json"
 _REMEDY = "Export the data set again, or correct the file"
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg")
 """Tried in turn: files of the first NeRFs name photos without."""
-_PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
+_PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+_FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 _IGNORED = ("mask_path", "depth_file_path", "train_filenames", "val_filenames", "test_filenames")
 """Fields that say something about photos which a clip has no place for."""
 _FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -87,15 +89,15 @@ def _read_photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> 
     return PosedPhoto(file.relative_to(root).as_posix(), file, replace(camera, world_from_camera=pose), distortion)
 
 
-def _read_camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tuple[Camera, Distortion]:
+def _read_camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tuple[Camera, AnyDistortion]:
     """Intrinsics of a photo from its own fields, else those of all.
 
     The size is the photo's where none is given; a missing photo, which nobody will see, counts as one pixel.
     """
     model = known.get("camera_model", "OPENCV")
-    if model not in _PINHOLES:
-        problem = f"the field 'camera_model' is {model!r}, expected one of {', '.join(_PINHOLES)}"
-        raise DataError(listing, problem, "Undistort the photos, e.g. with 'colmap image_undistorter'")
+    if model not in (*_PINHOLES, *_FISHEYES):
+        problem = f"the field 'camera_model' is {model!r}, expected one of {', '.join((*_PINHOLES, *_FISHEYES))}"
+        raise DataError(listing, problem, "Make pinhole photos of them first, e.g. with nerfstudio's ns-process-data")
 
     def value(key: str, default: float | None = None) -> float:
         found = known.get(key, default)
@@ -117,7 +119,9 @@ def _read_camera(listing: Path, known: dict[str, Any], file: Path, where: str) -
 
     fx = focal_length("x", width, None)
     intrinsics = (fx, focal_length("y", height, fx), value("cx", width / 2), value("cy", height / 2))
-    distortion = Distortion(tuple(value(f"k{order}", 0) for order in range(1, 5)), (value("p1", 0), value("p2", 0)))
+    radial = tuple(value(f"k{order}", 0) for order in range(1, 5))
+    is_fisheye = model in _FISHEYES
+    distortion = Fisheye(radial) if is_fisheye else Distortion(radial, (value("p1", 0), value("p2", 0)))
     return build_camera(listing, where.rstrip("."), intrinsics, (int(width), int(height))), distortion
 
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
-from numpy import ndarray
 
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
 from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.files.ply_header import REMEDY, read_ply_header
+from instdrive_core.files.ply_points import join_ply_points
 from instdrive_core.files.ply_rows import read_ply_chunks
-
-_COLORS = ("red", "green", "blue")
 
 
 def read_point_ply(path: Path) -> ListedPoints:
@@ -32,17 +29,6 @@ def read_point_ply(path: Path) -> ListedPoints:
     except OSError as error:
         raise DataError(path, f"cannot be read ({error})", REMEDY) from error
     rows = np.concatenate(chunks)
-    with np.errstate(invalid="ignore"):  # NaN of every kind is found below
-        points = np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    points, colors = join_ply_points(rows)
     check_points(path, points)
-    return ListedPoints(points, _read_colors(rows))
-
-
-def _read_colors(rows: ndarray) -> UInt8[ndarray, "n 3"]:
-    """Read colours as bytes, or as floats from 0 to 1."""
-    if not set(_COLORS) <= set(rows.dtype.names or ()):
-        return np.full((len(rows), 3), 128, np.uint8)
-    colors = np.stack([rows[name].astype(np.float64) for name in _COLORS], axis=1)
-    if rows.dtype["red"].kind == "f":
-        colors = np.nan_to_num(colors) * 255
-    return np.clip(np.round(colors), 0, 255).astype(np.uint8)
+    return ListedPoints(points, np.full((len(rows), 3), 128, np.uint8) if colors is None else colors)

@@ -15,7 +15,9 @@ from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, choose_origin, is_held_out
-from instdrive_core.datasets.distortion import Distortion, find_covered_pixels, undistort
+from instdrive_core.datasets.distortion import AnyDistortion, find_covered_pixels, undistort
+from instdrive_core.datasets.fisheye import WIDEST, Fisheye, choose_pinhole
+from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.datasets.photos import load_photo
 from instdrive_core.datasets.upright import find_upright_world
 from instdrive_core.errors import DataError, OptionError, UntrustedDataError
@@ -43,7 +45,7 @@ class PosedPhoto:
     """Its place on disk, whether or not it is there."""
     camera: Camera
     """At full size, in the file's world."""
-    distortion: Distortion
+    distortion: AnyDistortion
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,7 @@ def build_photo_clip(
 
     Raises DataError where no photo is there, OptionError for an unknown camera, an empty frame range or a bad scale.
     """
+    check_field(options)
     if not photos:
         raise DataError(listing, "lists no photo", "Export the data set again")
     if options.scale is not None and not 0 < options.scale <= 1:
@@ -102,15 +105,22 @@ def build_photo_clip(
     ordered = _order_photos(root, photos, options.cameras)
     present = [entry for entry in ordered if entry[1].file.is_file()]
     missing = _describe_missing(listing, ordered, present)
-    chosen = [entry for entry in present if _is_in_range(entry[0], options)]
+    times = {step: STEP_SECONDS * step for step, _ in ordered}
+    is_asked = build_range_test(options, times)
+    chosen = [entry for entry in present if is_asked(entry[0])]
     if not chosen:
-        raise OptionError(f"{root}: no photo lies in the chosen frames; there are 0–{ordered[-1][0]}")
+        raise OptionError(f"{root}: no photo lies in the chosen frames; there are {describe_steps(times)}")
     world = find_upright_world(np.stack([photo.camera.world_from_camera for photo in photos]), points.points)
     poses = world.transform_poses(np.stack([photo.camera.world_from_camera for _, photo in chosen]))
     origin = choose_origin(poses[:, :3, 3])
     poses[:, :3, 3] -= origin
     chosen = [
-        (step, replace(photo, camera=replace(photo.camera, world_from_camera=pose)))
+        (
+            step,
+            straighten_photo(
+                replace(photo, camera=replace(photo.camera, world_from_camera=pose)), options.fisheye_field
+            ),
+        )
         for (step, photo), pose in zip(chosen, poses, strict=True)
     ]
     scale = options.scale or min(1.0, DEFAULT_WIDTH / chosen[0][1].camera.width)
@@ -198,11 +208,21 @@ def _describe_missing(
     return (note,)
 
 
-def _is_in_range(step: int, options: ClipOptions) -> bool:
-    return (options.first_frame or 0) <= step and (options.last_frame is None or step <= options.last_frame)
+def check_field(options: ClipOptions) -> None:
+    """Raise OptionError where no pinhole has the field that is asked for."""
+    if not 10 <= options.fisheye_field <= WIDEST:
+        raise OptionError(f"--fisheye-field is {options.fisheye_field}; give degrees from 10 to {WIDEST:g}")
 
 
-Coverage = Callable[[Camera, Distortion], Bool[ndarray, "h w"] | None]
+def straighten_photo(photo: PosedPhoto, field: float = ClipOptions.fisheye_field) -> PosedPhoto:
+    """Give a fisheye's photo the pinhole of `field` degrees that takes its place; others stay as they are."""
+    if not isinstance(photo.distortion, Fisheye):
+        return photo
+    camera, distortion = choose_pinhole(photo.camera, photo.distortion, field)
+    return replace(photo, camera=camera, distortion=distortion)
+
+
+Coverage = Callable[[Camera, AnyDistortion], Bool[ndarray, "h w"] | None]
 
 
 def _build_coverage_cache() -> Coverage:
@@ -210,11 +230,11 @@ def _build_coverage_cache() -> Coverage:
 
     @lru_cache(maxsize=64)
     def find_once(
-        fx: float, fy: float, cx: float, cy: float, width: int, height: int, distortion: Distortion
+        fx: float, fy: float, cx: float, cy: float, width: int, height: int, distortion: AnyDistortion
     ) -> ndarray:
         return find_covered_pixels(Camera(fx, fy, cx, cy, width, height, np.eye(4)), distortion)
 
-    def find_coverage(camera: Camera, distortion: Distortion) -> ndarray | None:
+    def find_coverage(camera: Camera, distortion: AnyDistortion) -> ndarray | None:
         if distortion.is_pinhole:
             return None
         return find_once(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, distortion)
@@ -231,7 +251,7 @@ def _build_frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage)
 
 
 def _load_undistorted(
-    file: Path, full_size: tuple[int, int], camera: Camera, distortion: Distortion
+    file: Path, full_size: tuple[int, int], camera: Camera, distortion: AnyDistortion
 ) -> UInt8[ndarray, "h w 3"]:
     image = load_photo(file, full_size, (camera.width, camera.height))
     return image if distortion.is_pinhole else undistort(image, camera, distortion)

@@ -23,8 +23,10 @@ from instdrive_core.datasets.clip import (
     is_held_out,
 )
 from instdrive_core.datasets.distortion import find_covered_pixels, undistort
+from instdrive_core.datasets.fisheye import Fisheye, choose_pinhole
+from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.datasets.photos import decode_photo
-from instdrive_core.datasets.posed_photos import DEFAULT_WIDTH, choose_cameras, describe_start
+from instdrive_core.datasets.posed_photos import DEFAULT_WIDTH, check_field, choose_cameras, describe_start
 from instdrive_core.datasets.recording import Lens, RecordedPhoto, RecordedSweep, Recording
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.scene.camera import Camera, CameraView
@@ -44,16 +46,17 @@ def build_recorded_clip(recording: Recording, options: ClipOptions) -> Clip:
     """
     if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
+    check_field(options)
     if not recording.photos:
         raise DataError(recording.root, "holds no photo", "Get the data set's photos, too")
+    lenses = {name: _straighten(lens, options) for name, lens in recording.lenses.items()}
     present = tuple(name for name in recording.lenses if any(photo.camera == name for photo in recording.photos))
     names = choose_cameras(recording.root, present, options.cameras)
-    low = -math.inf if options.first_frame is None else options.first_frame
-    high = math.inf if options.last_frame is None else options.last_frame
-    photos = [photo for photo in recording.photos if photo.camera in names and low <= photo.step <= high]
+    is_asked = build_range_test(options, recording.step_times)
+    photos = [photo for photo in recording.photos if photo.camera in names and is_asked(photo.step)]
     if not photos:
-        steps = sorted({photo.step for photo in recording.photos})
-        raise OptionError(f"{recording.root}: no photo lies in the chosen frames; there are {steps[0]}–{steps[-1]}")
+        times = {photo.step: recording.step_times[photo.step] for photo in recording.photos}
+        raise OptionError(f"{recording.root}: no photo lies in the chosen frames; there are {describe_steps(times)}")
     photos.sort(key=lambda photo: (photo.step, names.index(photo.camera)))
     used = tuple(name for name in names if any(photo.camera == name for photo in photos))
     notes = [f"{name} has no photo of the chosen frames; going on without it" for name in names if name not in used]
@@ -62,7 +65,7 @@ def build_recorded_clip(recording: Recording, options: ClipOptions) -> Clip:
     first, last = photos[0].step, photos[-1].step
     places = [photo.world_from_camera[:3, 3] for photo in photos if photo.camera == used[0]]
     origin, start = choose_origin(np.stack(places)), min(recording.step_times.values())
-    scale = options.scale or min(1.0, DEFAULT_WIDTH / recording.lenses[used[0]].camera.width)
+    scale = options.scale or min(1.0, DEFAULT_WIDTH / lenses[used[0]].camera.width)
     hide = _build_hiding(scale)
     sweeps = tuple(
         Sweep(sweep.step, recording.step_times[sweep.step] - start, partial(_load_sweep, sweep, origin, start))
@@ -76,7 +79,7 @@ def build_recorded_clip(recording: Recording, options: ClipOptions) -> Clip:
         name=recording.name,
         origin=origin,
         frames=tuple(
-            _build_frame(photo, recording.lenses[photo.camera], recording.step_times[photo.step] - start, origin, hide)
+            _build_frame(photo, lenses[photo.camera], recording.step_times[photo.step] - start, origin, hide)
             for photo in photos
         ),
         sweeps=sweeps,
@@ -86,6 +89,14 @@ def build_recorded_clip(recording: Recording, options: ClipOptions) -> Clip:
         points=None if sweeps else SparsePoints.none(),
         notes=(*notes, *recording.notes, *(() if sweeps else (describe_start(0),))),
     )
+
+
+def _straighten(lens: Lens, options: ClipOptions) -> Lens:
+    """A fisheye's lens with the pinhole that takes its place; others as they are."""
+    if not isinstance(lens.distortion, Fisheye):
+        return lens
+    camera, distortion = choose_pinhole(lens.camera, lens.distortion, options.fisheye_field)
+    return replace(lens, camera=camera, distortion=distortion)
 
 
 Hiding = Callable[[Lens], tuple[Camera, Bool[ndarray, "h w"] | None]]

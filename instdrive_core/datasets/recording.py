@@ -14,7 +14,7 @@ from pathlib import Path
 from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 
-from instdrive_core.datasets.distortion import Distortion
+from instdrive_core.datasets.distortion import AnyDistortion, Distortion
 from instdrive_core.files.plain_file import BoundedReader
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.track import Track
@@ -27,8 +27,8 @@ class Lens:
     """A camera of the rig, the same in every photo."""
 
     camera: Camera
-    """At full size; its pose is unset."""
-    distortion: Distortion = field(default_factory=Distortion)
+    """At full size; its pose is unset. A fisheye's own intrinsics; clips choose the pinhole that takes its place."""
+    distortion: AnyDistortion = field(default_factory=Distortion)
     hidden: float = 0.0
     """Share of the photo's rows, at the bottom, that show the recording car."""
 

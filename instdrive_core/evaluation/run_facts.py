@@ -50,4 +50,5 @@ def build_clip_options(facts: dict[str, Any]) -> ClipOptions:
         scale=facts["scale"],
         first_frame=facts["first_frame"],
         last_frame=facts["last_frame"],
+        fisheye_field=facts.get("fisheye_field", ClipOptions.fisheye_field),
     )

@@ -33,7 +33,7 @@ def save_and_verify(path: str | Path, scene: Scene, *, sibr: bool = False) -> No
 
     def check(temporary: Path, target: Path) -> None:
         # A folder's arrays wait for the file that names them, and what stands beside a file is no scene.
-        last = path.resolve().name if fmt.folder is None else fmt.folder.last_file
+        last = fmt.folder.last_file if fmt.folder is not None and not fmt.suffix else path.resolve().name
         if target.name == last:
             around.run(_check, temporary, path, scene, fmt)
 
@@ -69,7 +69,7 @@ def find_loss(written: Scene, found: Scene, fidelity: Fidelity) -> str:
         return ""
     if fidelity.is_exact:
         return _find_changed_bits(written, found, fidelity.keeps_instances)
-    order = None if fidelity.order is None else fidelity.order(written.gaussians.means)
+    order = fidelity.find_order(written)
     return _find_moved(written, found, fidelity, order) or _find_no_longer_finite(written, found, order)
 
 

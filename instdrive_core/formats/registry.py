@@ -10,12 +10,18 @@ from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.formats.allocation import MEMORY_TO_READ, ReadOptions, enlarge_splats
 from instdrive_core.formats.checkpoints.records import CHECKPOINT_CKPT, CHECKPOINT_PT, CHECKPOINT_PTH
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
+from instdrive_core.formats.clouds.records import LAS, LAZ, PCD
 from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
+from instdrive_core.formats.gltf.records import GLB, GLTF
+from instdrive_core.formats.ksplat.scenes import KSPLAT
+from instdrive_core.formats.lcc.scenes import LCC
 from instdrive_core.formats.ply.records import COMPRESSED_PLY, INRIA_PLY, SIBR_PLY
 from instdrive_core.formats.scene_format import Format
-from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER
+from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER, SOG_LEVELS
 from instdrive_core.formats.splat import SPLAT
 from instdrive_core.formats.spz.scenes import SPZ
+from instdrive_core.formats.usd.records import USD, USDA, USDC, USDZ
+from instdrive_core.formats.web_page.scenes import WEB_PAGE
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.upright import Axis
 
@@ -26,8 +32,21 @@ FORMATS: tuple[Format, ...] = (
     SPLAT,
     SPZ,
     SOG_ARCHIVE,
+    GLB,
+    GLTF,
+    USDZ,
+    USDA,
+    USDC,
+    USD,
+    WEB_PAGE,
     SCENE_FOLDER,
+    SOG_LEVELS,
     SOG_FOLDER,
+    KSPLAT,
+    LCC,
+    LAS,
+    LAZ,
+    PCD,
     CHECKPOINT_PTH,
     CHECKPOINT_PT,
     CHECKPOINT_CKPT,

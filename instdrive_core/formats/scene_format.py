@@ -35,6 +35,8 @@ class Fidelity:
     """The largest difference (metres, broadcast to the rows) of the positions as they are ordered in the file."""
     order: Callable[[Float[ndarray, "n 3"]], Int64[ndarray, " n"]] | None = None
     """The rows in the file's order, from the positions; None where it is the scene's."""
+    order_scene: Callable[[Scene], Int64[ndarray, " n"]] | None = None
+    """The rows in the file's order, from the scene, where positions alone do not tell."""
     is_exact: bool = False
     """Whether all that is stored of a splat comes back bit by bit."""
     keeps_instances: bool = True
@@ -42,6 +44,12 @@ class Fidelity:
     find_change: Callable[[Path, Scene], str] | None = None
     """Finds the first value that a written file has and the scene has not, empty where there is none, without reading
     the file whole; None where files are read back by the format's reader."""
+
+    def find_order(self, scene: Scene) -> Int64[ndarray, " n"] | None:
+        """Find the rows in the file's order; None where it is the scene's."""
+        if self.order_scene is not None:
+            return self.order_scene(scene)
+        return None if self.order is None else self.order(scene.gaussians.means)
 
 
 @dataclass(frozen=True)
@@ -74,6 +82,8 @@ class Format:
     format says nothing."""
     folder: FolderLayout | None = None
     """None for formats of single files."""
+    keeps_tracks: bool = False
+    """Whether what moves keeps its track; other formats hold one moment."""
     in_world_of_photos: bool = False
     """Whether other trainers write it, in the world of the files that they read the cameras from; scenes of this
     program are in the world of its clips, which is upright and in metres."""

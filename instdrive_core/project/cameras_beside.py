@@ -13,7 +13,7 @@ import numpy as np
 from instdrive_core.datasets.colmap.clips import list_colmap_photos
 from instdrive_core.datasets.inria_cameras import CAMERAS, read_inria_cameras
 from instdrive_core.datasets.nerfstudio import LISTING, list_nerfstudio_photos
-from instdrive_core.datasets.posed_photos import STEP_SECONDS, PosedPhoto, get_camera_name
+from instdrive_core.datasets.posed_photos import STEP_SECONDS, PosedPhoto, get_camera_name, straighten_photo
 from instdrive_core.errors import DataError
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
@@ -91,7 +91,9 @@ def _build_views(photos: list[PosedPhoto]) -> tuple[CameraView, ...]:
         name = get_camera_name(photo)
         index = counts[name] = counts.get(name, -1) + 1
         file = _find_photo(photo.file)
-        views.append(CameraView(photo.camera, name, index, index * STEP_SECONDS, str(file) if file else ""))
+        views.append(
+            CameraView(straighten_photo(photo).camera, name, index, index * STEP_SECONDS, str(file) if file else "")
+        )
     return tuple(views)
 
 

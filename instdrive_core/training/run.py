@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -22,6 +23,7 @@ from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.masks.lidar.scene import build_lidar_scene
 from instdrive_core.masks.making import ensure_masks
 from instdrive_core.masks.photo_fit import describe_misfit
+from instdrive_core.progress import CancelledError
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.choice import TrackSource, with_tracks
@@ -106,6 +108,9 @@ def run_training(
 
     `opened` is the clip of the request, or the part of it that is to be trained; None = it is opened here.
 
+    Where `on_event` raises CancelledError, a checkpoint is written first, so that `resume` goes on at that step.
+    Time spent in `on_event` does not count as training.
+
     Raises OptionError where the folder already holds a run and `resume` is off, DataError for clips that cannot
     train, TrainingDivergedError where a loss is no longer finite, OptionError for a device that is not there, or where
     memory is too small for the clip's photos.
@@ -163,7 +168,14 @@ def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> No
                 save_checkpoint(out / CHECKPOINT, trainer)
             if isinstance(event, StepDone):
                 log.write(event)
-            on_event(event)
+            began = time.perf_counter()
+            try:
+                on_event(event)
+            except CancelledError:
+                trainer.check_parameters()
+                save_checkpoint(out / CHECKPOINT, trainer)
+                raise
+            trainer.seconds_before -= time.perf_counter() - began
 
 
 def _learn_instances(

@@ -37,7 +37,15 @@ from instdrive_core.training.losses.instance_terms import INSTANCE_TERMS, Instan
 from instdrive_core.training.losses.loss_term import compute_terms
 from instdrive_core.training.losses.rgb_terms import RGB_TERMS, RgbStep
 from instdrive_core.training.settings.config import TrainConfig
-from instdrive_core.training.settings.events import CheckpointDue, DensifyDone, Event, Stage, StageStarted, StepDone
+from instdrive_core.training.settings.events import (
+    CheckpointDue,
+    DensifyDone,
+    Event,
+    Stage,
+    StageStarted,
+    StepDone,
+    ViewDrawn,
+)
 from instdrive_core.training.settings.schedule import (
     choose_view,
     compute_means_lr,
@@ -46,6 +54,8 @@ from instdrive_core.training.settings.schedule import (
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
+PICTURE_EVERY = 50
+"""Steps between two pictures of what is drawn; the first step has one."""
 _READ_AHEAD = 6
 """Steps whose photos are read while others train."""
 
@@ -70,6 +80,8 @@ class Trainer:
     """Training time spent before a resume."""
     _started: float = field(default_factory=time.perf_counter)
     _cache: list[CachedView] = field(default_factory=list)
+    _drawn: tuple[TrainingView, Tensor] | None = None
+    """Photo of the last RGB step, and what was drawn for it."""
 
     def __post_init__(self) -> None:
         self.model.move_to(self.backend.device)
@@ -118,8 +130,10 @@ class Trainer:
                     self.seconds,
                     terms,
                 )
+            if self.stage == "rgb" and (self.iteration - 1) % PICTURE_EVERY == 0 and self._drawn is not None:
+                yield self._show_drawn(*self._drawn)
             if self.iteration % self.config.checkpoint_every == 0 or self.iteration == total:
-                self._check_parameters()
+                self.check_parameters()
                 yield CheckpointDue(self.stage, self.iteration)
 
     # One step of each stage, from top to bottom.
@@ -138,6 +152,7 @@ class Trainer:
         if config.exposure_lr:
             image = backend.expose(image, shared["exposures"][number])
 
+        self._drawn = view, image.detach()
         step = RgbStep(self.config, backend, number, view, drawn, image, shared["exposures"])
         terms = compute_terms(RGB_TERMS, step)
         if joint:
@@ -165,6 +180,10 @@ class Trainer:
         return values, None
 
     # What the steps are made of.
+
+    def _show_drawn(self, view: TrainingView, image: Tensor) -> ViewDrawn:
+        pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
+        return ViewDrawn(self.iteration, view.key, pixels, view.image)
 
     def _choose_view(self, iteration: int) -> tuple[int, bool]:
         number = choose_view(self.config.seed, Stream.RGB_VIEWS, iteration, len(self.store))
@@ -255,7 +274,7 @@ class Trainer:
             self.optimizers = Optimizers(self.model, self.config)
             self.optimizers.load_state_tensors(state)
 
-    def _check_parameters(self) -> None:
+    def check_parameters(self) -> None:
         """Check that all parameters are finite: others are not drawn, so no loss would show them, and no checkpoint may
         hold them."""
         for name, value in {**self.model.parameters, **self.model.shared}.items():

@@ -25,3 +25,19 @@ def test_what_a_clip_lacks_is_said(tmp_path, capsys):
     assert "LiDAR: none" in text
     assert "boxes: none" in text
     assert "note: no LiDAR" in text
+
+
+def test_info_of_a_part_of_a_clip(tmp_path, capsys):
+    folder = str(write_small_clip(tmp_path))
+    assert main(["info", folder, "--first", "3", "--last", "4"]) == 0
+    by_step = capsys.readouterr().out
+    assert "2, 3 to 4" in by_step
+    assert main(["info", folder, "--first", "3s"]) == 2
+    assert "no photo lies in the chosen frames; there are" in capsys.readouterr().err
+    assert main(["info", folder, "--first", "soon"]) == 2
+    assert "give a time step, e.g. 30, or seconds" in capsys.readouterr().err
+
+
+def test_a_scene_has_no_first_step(tmp_path, capsys):
+    assert main(["info", str(tmp_path), "--first", "3"]) == 2
+    assert "choose a part of a driving clip" in capsys.readouterr().err

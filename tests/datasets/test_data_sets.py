@@ -62,6 +62,9 @@ def test_part_of_a_clip_at_another_size(case):
     assert {frame.view.index for frame in part.frames} == set(steps[1:3])
     assert len(part.camera_names) == 1
     assert part.frames[0].view.camera.width == whole.frames[0].view.camera.width // 2
+    first, last = (f"{next(f.view.time for f in whole.frames if f.view.index == step):.6f}s" for step in steps[1:3])
+    timed = load_clip(folder, ClipOptions(cameras="1", scale=0.5, first_frame=first, last_frame=last))
+    assert [frame.key for frame in timed.frames] == [frame.key for frame in part.frames]
     for wrong in (ClipOptions(cameras="nobody"), ClipOptions(scale=2.0), ClipOptions(first_frame=10**6)):
         with pytest.raises(OptionError):
             load_clip(folder, wrong)

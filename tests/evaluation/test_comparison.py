@@ -210,3 +210,13 @@ def test_a_run_whose_clip_is_gone_keeps_its_figures(runs, monkeypatch, capsys):
     page = ReadPage((runs / "page.html").read_text())
     assert "No views of good" in page.text
     assert "scene mIoU" in page.text
+
+
+def test_the_table_is_written_for_other_programs(runs):
+    paths = [str(runs / name) for name in ("good", "merged")]
+    assert main(["compare", *paths, "--json", str(runs / "table.json")]) == 0
+    table = json.loads((runs / "table.json").read_text())
+    assert (table["names"], table["notes"]) == (["good", "merged"], [])
+    good, merged = next(row["cells"] for row in table["rows"] if row["title"] == "scene mIoU")
+    assert (good["best"], merged["best"]) == (True, False)
+    assert merged["delta"] == "-0.250"

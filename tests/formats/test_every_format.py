@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 
+import laspy
 import numpy as np
 import pytest
 from random_scene import random_scene
@@ -19,6 +20,12 @@ from instdrive_core.formats.checkpoints.sample_files import (
     write_training_folder,
 )
 from instdrive_core.formats.checkpoints.training_folder import TRAINING_FOLDER
+from instdrive_core.formats.clouds.records import LAS, LAZ, PCD
+from instdrive_core.formats.clouds.sample_files import build_pcd
+from instdrive_core.formats.ksplat.sample_files import build_ksplat
+from instdrive_core.formats.ksplat.scenes import KSPLAT
+from instdrive_core.formats.lcc.sample_files import build_lcc, write_lcc
+from instdrive_core.formats.lcc.scenes import LCC
 from instdrive_core.formats.read_back import find_loss, save_and_verify
 from instdrive_core.formats.registry import (
     FORMATS,
@@ -31,7 +38,6 @@ from instdrive_core.formats.registry import (
 )
 from instdrive_core.formats.scene_files import identify_scene, list_scene_files
 from instdrive_core.formats.scene_format import Fidelity, Format
-from instdrive_core.formats.sog.records import SOG_FOLDER
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.up_estimate import estimate_up
 from instdrive_core.scene.upright import AXES
@@ -54,8 +60,29 @@ def checkpoint_writer(name, content):
     return lambda folder: write_checkpoint(folder / name, content(np.random.default_rng(0), COUNT))
 
 
+def write_ksplat(folder):
+    (folder / "street.ksplat").write_bytes(build_ksplat(np.random.default_rng(0), [(COUNT - 90, 2), (90, 1)]))
+
+
+def write_las(folder, name):
+    data = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+    data.header.scales = [0.001] * 3
+    data.x, data.y, data.z = np.random.default_rng(0).normal(0, 9, (3, COUNT))
+    data.write(str(folder / name))
+
+
+def write_pcd(folder):
+    rng = np.random.default_rng(0)
+    points, colors = rng.normal(0, 9, (COUNT, 3)), rng.integers(0, 255, (COUNT, 3))
+    (folder / "street.pcd").write_bytes(build_pcd(points, colors, "binary_compressed"))
+
+
 SAMPLES = {
-    SOG_FOLDER.title: lambda folder: write_folder(folder / "street", sog_files()),
+    LAS.title: lambda folder: write_las(folder, "street.las"),
+    LAZ.title: lambda folder: write_las(folder, "street.laz"),
+    PCD.title: write_pcd,
+    KSPLAT.title: write_ksplat,
+    LCC.title: lambda folder: write_lcc(folder / "street", build_lcc(np.random.default_rng(0), (COUNT - 100, 100))),
     CHECKPOINT_PTH.title: checkpoint_writer("street.pth", build_captured_content),
     CHECKPOINT_PT.title: checkpoint_writer("street.pt", build_gsplat_content),
     CHECKPOINT_CKPT.title: checkpoint_writer("street.ckpt", build_splatfacto_content),
@@ -64,18 +91,32 @@ SAMPLES = {
     ),
 }
 """How a format that the program does not write comes by a file: a new one needs an entry."""
-PATHS = {SOG_FOLDER.title: "street", TRAINING_FOLDER.title: "street"}
-PATHS |= {fmt.title: f"street{fmt.suffix}" for fmt in (CHECKPOINT_PTH, CHECKPOINT_PT, CHECKPOINT_CKPT)}
+PATHS = {TRAINING_FOLDER.title: "street", LCC.title: "street", KSPLAT.title: "street.ksplat"}
+PATHS |= {fmt.title: f"street{fmt.suffix}" for fmt in (CHECKPOINT_PTH, CHECKPOINT_PT, CHECKPOINT_CKPT, LAS, LAZ, PCD)}
+
+
+def name_file(fmt, folder):
+    """A path to be written: a street of its ending, or its whole name in a folder of the street's."""
+    return (
+        folder / f"street{fmt.suffix}"
+        if fmt.suffix.startswith(".") or not fmt.suffix
+        else folder / "street" / fmt.suffix
+    )
 
 
 def sample(fmt, folder):
     """Path of a scene of this format, written below `folder`."""
     if fmt.write is not None:
-        path = folder / f"street{fmt.suffix}"
+        path = name_file(fmt, folder)
         fmt.write(path, still_scene())
-        return path
+        return path.parent if path.name == fmt.suffix else path
     SAMPLES[fmt.title](folder)
     return folder / PATHS[fmt.title]
+
+
+def list_read_files(path):
+    """The files of a scene that opening reads: of levels of detail, those of the finest."""
+    return [file for file in list_scene_files(path) if file.parent.name not in ("1_0", "2_0", "3_0")]
 
 
 @pytest.fixture(params=FORMATS, ids=IDS)
@@ -102,7 +143,7 @@ def test_what_was_written_opens_within_its_fidelity(fmt, tmp_path):
         with pytest.raises(DataError, match=r"can be opened but not written\. Save as one of"):
             find_format_to_write(tmp_path / f"street{fmt.suffix}")
         return
-    path, scene = tmp_path / f"street{fmt.suffix}", still_scene()
+    path, scene = name_file(fmt, tmp_path), still_scene()
     assert find_format_to_write(path)[0] is fmt
     save_and_verify(path, scene)
     assert find_loss(scene, open_scene(path), fmt.fidelity) == ""
@@ -134,7 +175,7 @@ def test_every_file_of_a_scene_is_listed_and_counts(fmt, tmp_path):
 
 def test_files_cut_off_are_refused_by_name(fmt, tmp_path):
     path = sample(fmt, tmp_path)
-    for file in list_scene_files(path):
+    for file in list_read_files(path):
         content = file.read_bytes()
         file.write_bytes(content[: len(content) // 2 + 1])
         with pytest.raises(DataError) as caught:
@@ -146,7 +187,7 @@ def test_files_cut_off_are_refused_by_name(fmt, tmp_path):
 
 def test_a_missing_file_is_refused_by_name(fmt, tmp_path):
     path = sample(fmt, tmp_path)
-    for file in list_scene_files(path):
+    for file in list_read_files(path):
         content = file.read_bytes()
         file.unlink()
         with pytest.raises(DataError, match=path.name):

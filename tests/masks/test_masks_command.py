@@ -34,6 +34,13 @@ def test_source_folder_and_part_of_the_clip_can_be_chosen(root, tmp_path, capsys
     assert "from annotations" in capsys.readouterr().out
 
 
+def test_a_part_of_the_clip_is_chosen_by_seconds(root, tmp_path):
+    assert main(["masks", str(root), "-o", str(tmp_path / "out"), "--first", "0.25s", "--last", "0.5s"]) == 0
+    steps = {key.partition("/")[2] for key in open_masks(tmp_path / "out").counts}
+    assert steps == {"03", "05"}  # step 4 is held out
+    assert main(["masks", str(root), "--first", "9s"]) == 2
+
+
 def test_a_clip_that_cannot_be_written_is_named(root, capsys):
     (root / "masks").write_text("in the way")
     with pytest.raises(DataError, match=r"masks: cannot be written .* --out"):

@@ -20,8 +20,10 @@ from instdrive_core.project.save import capture_project_state, save_project, wri
 
 
 @pytest.fixture
-def saved(tmp_path):
-    """A document and the project it was saved to, in a folder beside its scene's."""
+def saved(tmp_path, monkeypatch):
+    """A document and the project it was saved to, in a folder beside its scene's. Its photos lie in no folder that
+    moves, wherever the tests are run."""
+    monkeypatch.chdir(tmp_path.anchor)
     (tmp_path / "scenes").mkdir()
     document = edited_document(tmp_path / "scenes")
     path = tmp_path / "projects" / "a.instdrive"

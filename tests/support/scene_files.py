@@ -8,6 +8,8 @@ from plyfile import PlyData
 from random_scene import random_scene
 from sog_files import files_of, legacy_meta_of, meta_of, random_bytes, write_archive, write_folder
 
+from instdrive_core.formats.ksplat.sample_files import build_ksplat
+from instdrive_core.formats.lcc.sample_files import build_lcc, write_lcc
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.formats.spz.scenes import write_spz
 
@@ -76,6 +78,16 @@ def _save_sog_levels(folder, tree):
     return street
 
 
+def _save_ksplat(folder):
+    path = folder / "street.ksplat"
+    path.write_bytes(build_ksplat(np.random.default_rng(6), [(40, 2), (20, 1)]))
+    return path
+
+
+def _save_lcc(folder):
+    return write_lcc(folder / "street", build_lcc(np.random.default_rng(7), environment=4))
+
+
 SCENE_FILES = {
     "ply": lambda folder: _save(folder, "street.ply"),
     "ply-big-endian": lambda folder: _save_ply_as(folder, "big.ply", byte_order=">"),
@@ -84,11 +96,15 @@ SCENE_FILES = {
     "compressed-ply": lambda folder: _save(folder, "street.compressed.ply"),
     "splat": lambda folder: _save(folder, "street.splat"),
     **{f"spz-{version}": lambda folder, version=version: _save_spz(folder, version) for version in (1, 2, 3, 4)},
+    "glb": lambda folder: _save(folder, "street.glb"),
+    "gltf": lambda folder: _save(folder, "street.gltf"),
     "sog": _save_sog,
     "sog-folder": lambda folder: _save_sog_folder(folder, legacy=False),
     "sog-folder-old": lambda folder: _save_sog_folder(folder, legacy=True),
     "sog-levels": lambda folder: _save_sog_levels(folder, tree=True),
     "sog-chunks": lambda folder: _save_sog_levels(folder, tree=False),
+    "ksplat": _save_ksplat,
+    "lcc": _save_lcc,
     "scene-folder": _save_folder,
 }
 """By name, what writes the scene and returns the path to open."""

@@ -9,10 +9,11 @@ from imgui_bundle import imgui
 
 from instdrive_app.files.file_names import join_names
 from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sort_dropped
+from instdrive_app.panels.dialogs.new_scene import may_be_source
 from instdrive_app.panels.dialogs.questions import Answers, draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import ReceiveDrop
+from instdrive_app.session.requests import AskNewScene, ReceiveDrop
 
 TITLE = "Dropped files"
 
@@ -42,6 +43,9 @@ class DroppedDialog:
             session.messages.error("Please close the open dialog, then drop the files again")
             return
         found = sort_dropped(dropped)
+        if not found.openable and len(dropped) == 1 and may_be_source(dropped[0]):
+            session.requests.put(AskNewScene(dropped[0]))
+            return
         if found.complaint:
             session.messages.error(found.complaint)
         if not found.openable:

@@ -12,7 +12,7 @@ from imgui_bundle import imgui
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.export_kinds import KINDS, WRITTEN, ExportChoice, What
+from instdrive_app.session.export_kinds import KINDS, WITH_TRACKS, WRITTEN, ExportChoice, What
 from instdrive_core.filming.film import CODECS, FILM_MODES, LARGEST, FilmSettings
 from instdrive_core.formats.registry import FORMATS
 
@@ -27,7 +27,7 @@ _FILM_FILES = (
     (".json", ".json   Keys only"),
 )
 _SCALES = (1.0, 2.0, 4.0)
-_ENDINGS_WITH_IDS = ("", ".ply")
+_ENDINGS_WITH_IDS = (".ply", ".glb", ".gltf", *WITH_TRACKS)
 _LABEL_EM, _COMBO_EM = 4.2, 27.0
 Key = TypeVar("Key")
 
@@ -115,7 +115,7 @@ def _draw_scene_switches(ui: Ui, choice: ExportChoice, ending: str) -> ExportCho
     if ending == ".ply":
         hint = "SH degree 3 and exactly the columns that SIBR expects; any name that ends in .ply will do"
         return replace(choice, sibr=_draw_switch(ui, "sibr", "For SIBR viewers", choice.sibr, hint))
-    if ending == "" and document is not None and document.scene.actors:
+    if ending in WITH_TRACKS and document is not None and document.scene.actors:
         hint = "Without tracks, moving objects stay where they are at the time shown"
         return replace(choice, keep_tracks=_draw_switch(ui, "tracks", "Keep tracks", choice.keep_tracks, hint))
     return choice
@@ -128,7 +128,7 @@ def _describe_choice(session: EditorSession, ending: str) -> str:
     standing = f"Moving objects stay where they are at {session.state.time:.2f} s. " if has_actors else ""
     match choice.what:
         case "scene" | "selection":
-            tracked = not ending and choice.keep_tracks
+            tracked = ending in WITH_TRACKS and choice.keep_tracks
             moment = "Moving objects keep their tracks. " if tracked and has_actors else standing
             has_ids = document is not None and len(document.scene.table) > 0
             keeps_ids = ending in _ENDINGS_WITH_IDS and not (choice.sibr and ending == ".ply")

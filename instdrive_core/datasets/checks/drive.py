@@ -42,7 +42,7 @@ def _describe_gaps(clip: Clip) -> list[str]:
             folder = photos[0][1].parent
             notes.append(
                 f"{folder}: {name} has no photo of {missing}; movers are interpolated there. "
-                "Copy the missing photos, or train the parts apart with --first-frame and --last-frame"
+                "Copy the missing photos, or train the parts apart with --first and --last"
             )
     missing = _find_gaps([sweep.index for sweep in clip.sweeps])
     if missing:
@@ -80,8 +80,8 @@ def _describe_pauses(clip: Clip) -> list[str]:
     (before, after), wait = max(long, key=lambda found: found[1])
     return [
         f"{Path(clip.path)}: timestamps jump by {wait:.2f} s from step {before} to {after}, usually by {usual:.2f} s "
-        f"({len(long)} such jumps). If frames are missing there, train the parts apart with --first-frame and "
-        "--last-frame"
+        f"({len(long)} such jumps). If frames are missing there, train the parts apart with --first and "
+        "--last"
     ]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from instdrive_core.datasets.colmap.model import MODELS, REMEDY, ColmapImage, build_colmap_camera, invert_colmap_pose
-from instdrive_core.datasets.distortion import Distortion
+from instdrive_core.datasets.distortion import AnyDistortion
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
 from instdrive_core.files.plain_file import require_plain_file
@@ -24,7 +24,7 @@ _TRACK_BYTES = 8
 _MAX_NAME = 4096
 
 
-def read_cameras(file: Path) -> dict[int, tuple[Camera, Distortion]]:
+def read_cameras(file: Path) -> dict[int, tuple[Camera, AnyDistortion]]:
     """``cameras.bin``. Raises DataError where anything about it is wrong."""
     reader, cameras = _Reader(file), {}
     for _ in range(reader.read_count("cameras", _CAMERA.size)):

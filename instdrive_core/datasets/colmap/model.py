@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.datasets.distortion import Distortion
+from instdrive_core.datasets.distortion import AnyDistortion, Distortion
+from instdrive_core.datasets.fisheye import Fisheye
 from instdrive_core.datasets.posed_photos import ListedPoints, build_camera
 from instdrive_core.errors import DataError
 from instdrive_core.maths.rotations import matrix_from_quaternion
@@ -35,10 +36,15 @@ MODELS = {
     8: ("SIMPLE_RADIAL_FISHEYE", 4),
     9: ("RADIAL_FISHEYE", 5),
     10: ("THIN_PRISM_FISHEYE", 12),
+    14: ("SIMPLE_FISHEYE", 3),
+    15: ("FISHEYE", 4),
 }
 """Camera models by number: name and number of parameters."""
 PARAMETERS = dict(MODELS.values())
-_SHARED_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+_SHARED_FOCAL = (
+    *("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"),
+    *("SIMPLE_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"),
+)
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,7 @@ class ColmapImage:
 class ColmapModel:
     """A reconstruction, in its own world and unit."""
 
-    cameras: dict[int, tuple[Camera, Distortion]]
+    cameras: dict[int, tuple[Camera, AnyDistortion]]
     """Poses are unset."""
     images: tuple[ColmapImage, ...]
     points: ListedPoints
@@ -64,8 +70,8 @@ class ColmapModel:
 
 def build_colmap_camera(
     file: Path, camera_id: int, model: str, size: tuple[int, int], values: Sequence[float]
-) -> tuple[Camera, Distortion]:
-    """Build the pinhole camera, without a pose, and the lens distortion of one entry.
+) -> tuple[Camera, AnyDistortion]:
+    """Build the camera's intrinsics, without a pose, and the lens distortion of one entry.
 
     Raises DataError for camera models whose photos cannot be made pinhole photos here.
     """
@@ -88,6 +94,10 @@ def build_colmap_camera(
             distortion = Distortion(rest[:2], (rest[2], rest[3]))
         case "FULL_OPENCV":
             distortion = Distortion((*rest[:2], rest[4]), (rest[2], rest[3]), rest[5:])
+        case "SIMPLE_FISHEYE" | "FISHEYE" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE" | "OPENCV_FISHEYE":
+            distortion = Fisheye(rest)
+        case "THIN_PRISM_FISHEYE":
+            distortion = Fisheye((*rest[:2], *rest[4:6]), (rest[2], rest[3]), (rest[6], rest[7]))
         case _:
             problem = f"{where}: the model {model} is none that can be turned into a pinhole"
             raise DataError(file, problem, "Run 'colmap image_undistorter' and give its output folder")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from instdrive_core.datasets.colmap.model import REMEDY, ColmapImage, build_colmap_camera, invert_colmap_pose
-from instdrive_core.datasets.distortion import Distortion
+from instdrive_core.datasets.distortion import AnyDistortion
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
 from instdrive_core.files.plain_file import require_plain_file
@@ -23,7 +23,7 @@ _MOST_DIGITS = 18
 _PROMISE = re.compile(r"#\s*Number of (?:cameras|images|points):\s*(\d+)")
 
 
-def read_cameras(file: Path) -> dict[int, tuple[Camera, Distortion]]:
+def read_cameras(file: Path) -> dict[int, tuple[Camera, AnyDistortion]]:
     """``cameras.txt``. Raises DataError where anything about it is wrong."""
     cameras = {}
     for number, line in _read_entries(file, 1):

@@ -15,6 +15,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions
+from instdrive_core.datasets.fisheye import Fisheye
 from instdrive_core.datasets.kitti.numbers import (
     read_named_numbers,
     read_times,
@@ -41,8 +42,8 @@ from instdrive_core.errors import DataError
 from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.scene.track import Track
 
-CAMERAS = ("image_00", "image_01")
-"""The rectified ones; image_02 and image_03 are fisheye cameras."""
+CAMERAS = {"image_00": "data_rect", "image_01": "data_rect", "image_02": "data_rgb", "image_03": "data_rgb"}
+"""Folders of the photos by camera. The last two are fisheye cameras, to the left and to the right."""
 _OBJECTS = (
     *("bicycle", "box", "bus", "car", "caravan", "motorcycle", "person", "rider", "smallPole", "trailer", "train"),
     *("trashbin", "truck", "unknownObject", "unknownVehicle", "vendingmachine"),
@@ -57,7 +58,7 @@ def holds_kitti360(path: str | Path) -> bool:
     """Whether the folder holds the photos of a drive whose calibration and poses lie where KITTI-360 has them."""
     root = Path(path).resolve()
     above = root.parent.parent
-    has_photos = any((root / name / "data_rect").is_dir() for name in CAMERAS)
+    has_photos = any((root / name / folder).is_dir() for name, folder in CAMERAS.items())
     return has_photos and (above / "calibration").is_dir() and (above / "data_poses" / root.name).is_dir()
 
 
@@ -72,7 +73,7 @@ def load_kitti360(path: str | Path, options: ClipOptions) -> Clip:
 def read_kitti360(root: Path) -> Recording:
     """Read poses, lenses and boxes of a drive; photos and sweeps when asked for."""
     data, name = root.resolve().parent.parent, root.resolve().name
-    listed = {camera: list_counted_files(root / camera / "data_rect", ".png") for camera in CAMERAS}
+    listed = {camera: list_counted_files(root / camera / folder, ".png") for camera, folder in CAMERAS.items()}
     cameras = {camera: files for camera, files in listed.items() if files}
     if not cameras:
         raise DataError(root, "holds no photo such as image_00/data_rect/0000000250.png", "Get the drive's photos")
@@ -84,7 +85,6 @@ def read_kitti360(root: Path) -> Recording:
     places, lenses = _read_rig(data / "calibration", cameras)
     unposed = sum(step not in poses for files in cameras.values() for step in files)
     boxes = _find_boxes(data / "data_3d_bboxes", name)
-    fisheye = any((root / camera).is_dir() for camera in ("image_02", "image_03"))
     notes = (f"{unposed} photos without a pose are left out",) if unposed else ()
     photos = tuple(
         RecordedPhoto(camera, step, known[step], poses[step] @ places[camera], file, open_photo_file(file))
@@ -103,7 +103,7 @@ def read_kitti360(root: Path) -> Recording:
         sweeps=sweeps,
         tracks=() if boxes is None else _read_tracks(boxes, known),
         world_from_ego={step: pose if pose[2, 2] > 0 else pose @ _UPRIGHT for step, pose in poses.items()},
-        notes=(*notes, *(("the fisheye cameras image_02 and image_03 are not read",) if fisheye else ())),
+        notes=notes,
     )
 
 
@@ -123,15 +123,34 @@ def _read_poses(file: Path) -> dict[int, Pose]:
 def _read_rig(folder: Path, cameras: dict[str, dict[int, Path]]) -> tuple[dict[str, Pose], dict[str, Lens]]:
     """IMU from each rectified camera, and its lens."""
     file, between = folder / "perspective.txt", folder / "calib_cam_to_pose.txt"
-    found, placed = read_named_numbers(file), read_named_numbers(between)
+    rectified = any(CAMERAS[name] == "data_rect" for name in cameras)
+    found, placed = read_named_numbers(file) if rectified else {}, read_named_numbers(between)
     places, lenses = {}, {}
     for name, files in cameras.items():
+        size = read_photo_size(next(iter(files.values())))
+        if CAMERAS[name] == "data_rgb":
+            places[name] = require_transform(between, placed, (name,))
+            lenses[name] = _read_fisheye(folder / f"{name}.yaml", name, size)
+            continue
         turn = require_rotation(file, found, (f"R_rect_{name[-2:]}",))
         places[name] = require_transform(between, placed, (name,)) @ invert_pose(turn)
         matrix = require_matrix(file, found, (f"P_rect_{name[-2:]}",), (3, 4))
         intrinsics = (float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2]))
-        lenses[name] = Lens(build_camera(file, name, intrinsics, read_photo_size(next(iter(files.values())))))
+        lenses[name] = Lens(build_camera(file, name, intrinsics, size))
     return places, lenses
+
+
+def _read_fisheye(file: Path, name: str, size: tuple[int, int]) -> Lens:
+    """Mei's mirror, in the words of OpenCV's YAML."""
+    found = read_named_numbers(file)
+
+    def value(key: str) -> float:
+        return float(require_matrix(file, found, (key,), (1, 1))[0, 0])
+
+    camera = build_camera(file, name, (value("gamma1"), value("gamma2"), value("u0"), value("v0")), size)
+    if not 0 <= value("xi") < 1e3:
+        raise DataError(file, f"xi is {value('xi')}, expected a mirror's, 0 or above", _REMEDY)
+    return Lens(camera, Fisheye((value("k1"), value("k2")), (value("p1"), value("p2")), mirror=value("xi")))
 
 
 def _place_velodyne(folder: Path) -> Pose:

@@ -12,7 +12,7 @@ interpolating them to each photo's own timestamp would move them away from it.
 from __future__ import annotations
 
 import logging
-import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, Sweep, choose_origin, is_held_out
+from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.datasets.pandaset.cuboids import load_tracks
 from instdrive_core.datasets.pandaset.lidar import FARTHEST, load_sweep
 from instdrive_core.datasets.photos import load_photo, read_photo_size
@@ -87,10 +88,11 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     if last_photo >= len(times):
         problem = f"there is a photo of step {last_photo}, yet {len(times)} timestamps"
         raise DataError(root, problem, "Get the sequence's JSON files again, or remove photos without a timestamp")
-    cameras = [_keep_asked_frames(camera, options) for camera in cameras]
+    is_asked = build_range_test(options, dict(enumerate(times)))
+    known = {step: times[step] for camera in cameras for step in camera.photos}
+    cameras = [_keep_asked_frames(camera, is_asked) for camera in cameras]
     if not any(camera.photos for camera in cameras):
-        steps = f"{options.first_frame or 0}–{options.last_frame if options.last_frame is not None else 'last'}"
-        raise OptionError(f"{root}: no photo lies in the frames {steps}; choose other frames or cameras")
+        raise OptionError(f"{root}: no photo lies in the chosen frames; there are {describe_steps(known)}")
     notes = [
         f"{camera.name} has no photo of the chosen frames; going on without it"
         for camera in cameras
@@ -221,11 +223,9 @@ def _parse_pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
     return pose
 
 
-def _keep_asked_frames(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
+def _keep_asked_frames(camera: _CameraFiles, is_asked: Callable[[int], bool]) -> _CameraFiles:
     """Keep only a camera's photos of the asked frames."""
-    first = -math.inf if options.first_frame is None else options.first_frame
-    last = math.inf if options.last_frame is None else options.last_frame
-    return replace(camera, photos={index: photo for index, photo in camera.photos.items() if first <= index <= last})
+    return replace(camera, photos={index: photo for index, photo in camera.photos.items() if is_asked(index)})
 
 
 def _choose_origin(cameras: list[_CameraFiles]) -> Float64[ndarray, "3"]:

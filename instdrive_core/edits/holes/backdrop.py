@@ -16,6 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import KDTree
 
+from instdrive_core.edits.holes.ground_in_photo import GroundInPhoto, project_ground
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
 from instdrive_core.edits.holes.photo_evidence import MIN_COVER, Look
 from instdrive_core.edits.holes.seams import blend_copies
@@ -30,6 +31,7 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 from instdrive_core.scene.scene import Scene, place_in_world
 
+Plane = tuple[float, float, float]
 MAX_LOOKS = 6
 """Photos from which gaps are closed."""
 MIN_GAP = 12
@@ -41,6 +43,9 @@ SKY_ALPHA = 0.5
 """Pixels that splats cover less show the sky: where they are copied, nothing stands."""
 SOLID_ALPHA = 0.7
 """Pixels that are covered more have a depth to go by."""
+BESIDE_SHARE = 0.5
+"""A wall along the line of sight begins before what stood in front of it: it may be nearer by this factor where nothing
+farther stands around."""
 GAP_RIM = 1
 """Coarse pixels around a gap that are closed, too."""
 PIECE_REACH = 10
@@ -62,11 +67,16 @@ class Backdrop:
     """Rows of the scene, as `plan_backdrop` was given it, whose other columns they take."""
 
 
-def plan_backdrop(scene: Scene, ground: Gaussians, looks: tuple[Look, ...], rng: np.random.Generator) -> Backdrop:
-    """Close what photos would show of the sky behind a thing that is gone from `scene`, where `ground` is filled."""
+def plan_backdrop(
+    scene: Scene, ground: Gaussians, plane: Plane, looks: tuple[Look, ...], rng: np.random.Generator
+) -> Backdrop:
+    """Close what photos would show of the sky behind a thing that is gone from `scene`, where `ground` is filled.
+
+    `plane` is the ground's: its height at the world's origin (metres), and its slopes along x and y.
+    """
     added: list[Gaussians] = []
     for look in looks[:MAX_LOOKS]:
-        closed = _close_look(scene, [ground, *added], look, rng)
+        closed = _close_look(scene, [ground, *added], plane, look, rng)
         if closed is not None and len(closed):
             added.append(closed)
     whole = concatenate_gaussians(added) if added else ground.select(np.zeros(0, np.int64))
@@ -77,7 +87,9 @@ def plan_backdrop(scene: Scene, ground: Gaussians, looks: tuple[Look, ...], rng:
     return Backdrop(whole, like)
 
 
-def _close_look(scene: Scene, fills: list[Gaussians], look: Look, rng: np.random.Generator) -> Gaussians | None:
+def _close_look(
+    scene: Scene, fills: list[Gaussians], plane: Plane, look: Look, rng: np.random.Generator
+) -> Gaussians | None:
     """Splats that close the gaps of one look; None where it has none."""
     camera = _fit_camera(look.camera)
     color, alpha, depth, foreign = _draw(scene, fills, camera, look.time)
@@ -90,26 +102,80 @@ def _close_look(scene: Scene, fills: list[Gaussians], look: Look, rng: np.random
     if np.count_nonzero(open_) < MIN_GAP:
         return None
     gap = np.asarray(ndimage.binary_dilation(open_, iterations=GAP_RIM), bool)
-    before = (cover >= SKY_ALPHA) & (distance < look.nearest)
-    gap &= ~before
-    # Neither what stands in front nor another car is continued.
-    foreign = np.asarray(ndimage.binary_dilation(before | (_shrink(foreign) > FOREIGN_SHARE)), bool)
     close: Bool[ndarray, "a b"] = np.asarray(ndimage.binary_dilation(silhouette, iterations=PIECE_REACH), bool)
-    known = ~gap & ~foreign & close
+    ground = project_ground(camera.scale(1 / FACTOR), plane)
+    level, cars = ground.find_level_pixels(distance), _shrink(foreign) > FOREIGN_SHARE
+    for nearest in (look.nearest, BESIDE_SHARE * look.nearest):
+        before = (cover >= SKY_ALPHA) & (distance < nearest)
+        # Neither what stands in front nor another car is continued.
+        known = ~gap & ~np.asarray(ndimage.binary_dilation((before & ~gap) | cars), bool) & close
+        anchored = known & (cover >= SOLID_ALPHA) & (distance > nearest)
+        if (anchored & ~level).any():
+            break
+    gap &= ~before
+    found = _split_surfaces(ground, distance, anchored, level, gap)
+    added = [
+        _copy_surface(fills[0], camera, color, alpha, _Surface(part, known & near, inverse, cover), rng)
+        for part, near, inverse in found
+        if part.any()
+    ]
+    kept = [each for each in added if each is not None]
+    return concatenate_gaussians(kept) if kept else None
+
+
+def _split_surfaces(
+    ground: GroundInPhoto,
+    distance: Float64[ndarray, "a b"],
+    anchored: Bool[ndarray, "a b"],
+    level: Bool[ndarray, "a b"],
+    gap: Bool[ndarray, "a b"],
+) -> list[tuple[Bool[ndarray, "a b"], Bool[ndarray, "a b"], Float64[ndarray, "a b"]]]:
+    """What stands behind and the ground before it: the part of the gap, where pieces are taken, inverse depths.
+
+    What stands is continued from what stands. Ground goes on where it is nearer than that.
+    """
+    everywhere, inverse = np.ones_like(gap), 1 / np.maximum(distance, 1e-3)
+    if not (anchored & ~level).any():
+        return [(gap, everywhere, continue_smoothly(inverse, anchored, gap))]
+    behind = continue_smoothly(inverse, anchored & ~level, gap)
+    before = gap & (1 / ground.distances > behind)
+    return [(gap & ~before, ~level, behind), (before, level, np.where(before, 1 / ground.distances, inverse))]
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """A part of a look's gap and what it is closed with, in coarse pixels."""
+
+    gap: Bool[ndarray, "a b"]
+    known: Bool[ndarray, "a b"]
+    """Where pieces are taken from."""
+    inverse: Float64[ndarray, "a b"]
+    """Inverse depths, 1/m."""
+    cover: Float64[ndarray, "a b"]
+
+
+def _copy_surface(
+    like: Gaussians,
+    camera: Camera,
+    color: Float[ndarray, "h w 3"],
+    alpha: Float[ndarray, "h w"],
+    surface: _Surface,
+    rng: np.random.Generator,
+) -> Gaussians | None:
+    """Close one part of a gap with pieces of the same photo; None where there are none."""
+    gap, known = surface.gap, surface.known
     sources = choose_source_cells(
-        small[0].transpose(1, 0, 2).astype(np.float64), np.ascontiguousarray(known.T), np.ascontiguousarray(gap.T),
-        rng, PIECES,
+        _shrink(color).transpose(1, 0, 2).astype(np.float64), np.ascontiguousarray(known.T),
+        np.ascontiguousarray(gap.T), rng, PIECES,
     )  # fmt: skip
     if sources is None:
         return None
     sources = sources.transpose(1, 0, 2)[..., ::-1]
-    anchored = known & (cover >= SOLID_ALPHA) & (distance > look.nearest)
-    inverse = continue_smoothly(1 / np.maximum(distance, 1e-3), anchored, gap)
     offsets = np.repeat(np.repeat(sources - np.indices(gap.shape).transpose(1, 2, 0), FACTOR, 0), FACTOR, 1) * FACTOR
     blocks = np.ones((FACTOR, FACTOR), bool)
-    anchors, open_pixels = np.kron(known & (cover >= SKY_ALPHA), blocks), np.kron(gap, blocks)
+    anchors, open_pixels = np.kron(known & (surface.cover >= SKY_ALPHA), blocks), np.kron(gap, blocks)
     blended = blend_copies(color.astype(np.float64), anchors, open_pixels, offsets)
-    return _lift(fills[0], camera, blended, alpha, gap, sources, inverse)
+    return _lift(like, camera, blended, alpha, gap, sources, surface.inverse)
 
 
 def continue_smoothly(

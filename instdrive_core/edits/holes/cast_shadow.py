@@ -20,6 +20,9 @@ DARKEST_LIT = 0.8
 """Ground in the sun along any line is at least this share as bright as elsewhere."""
 MIN_SHADOW = 0.4
 """Square metres: smaller dark places are stains."""
+SHADE_GAP, SHADE_BAND = 1.0, 2.0
+"""Metres between a hole and the ground that tells in what light it lies, and how far that reaches beyond the reach of
+the shadow of what stood there."""
 MIN_LIT = 50
 """Cells of ground that must be known to tell."""
 FOREIGN_SHARE = 0.25
@@ -65,3 +68,12 @@ def find_shaded_cells(ground: GroundMap, clean: Bool[ndarray, "a b"]) -> Bool[nd
     lines = np.where(clean, brightness, np.nan)[:, enough]
     lit[enough] = np.maximum(np.nanquantile(lines, LIT_QUANTILE, axis=0), DARKEST_LIT * everywhere)
     return brightness < SHADOW_SHARE * lit
+
+
+def lies_in_shade(
+    shaded: Bool[ndarray, "a b"], known: Bool[ndarray, "a b"], hole: Bool[ndarray, "a b"], size: float
+) -> bool:
+    """Whether most of the `known` ground around a hole is `shaded`, by a house, say: a thing there casts no shadow of
+    its own, and ground in the sun must not be copied there. Cells are `size` metres."""
+    around = known & grow_cells(hole, size, SHADOW_REACH + SHADE_BAND) & ~grow_cells(hole, size, SHADE_GAP)
+    return bool(np.count_nonzero(shaded & around) > np.count_nonzero(around) / 2)

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_map import GROUND_BAND, GroundMap, build_ground_map
-from instdrive_core.edits.holes.inpainting import choose_source_cells
+from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.errors import EditError
@@ -20,6 +20,7 @@ from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 
+GROUND_PIECES = ExemplarConfig(line_penalty=1.0)
 HEIGHT_WEIGHT = 2.0
 """A metre of height counts in the comparison of pieces like so much of a colour: a kerb like a change of 0.3."""
 ROAD_BAND = 0.08
@@ -100,7 +101,7 @@ def plan_fill(
     """
     grid = ground.grid
     values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
-    sources = choose_source_cells(values, known, hole, rng)
+    sources = choose_source_cells(values, known, hole, rng, GROUND_PIECES)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
     level = _estimate_road_level(ground, known)

@@ -30,6 +30,8 @@ WALL_BAND = (0.4, 6.0)
 """Metres above the plane at which walls are looked for: cars hide their lower part."""
 WALL_SHARE = 0.35
 """Share of a line along the lane in which something must stand for it to be a wall's, gates and gaps included."""
+WALL_GAP = 4.0
+"""Metres along the lane: two pieces of a wall that are nearer to each other are one."""
 MIN_COVER = 0.6
 """Share of light that solid ground stops."""
 
@@ -87,10 +89,14 @@ def find_solid_cells(ground: GroundMap) -> Bool[ndarray, "a b"]:
 
 
 def find_walls(grid: GroundGrid, near: Neighborhood) -> Bool[ndarray, "a b"]:
-    """Lines along the lane in which walls, fences or hedges stand, as cells, whatever hides a part of them."""
+    """Find the cells in which walls, fences or hedges stand along the lane, whatever hides a part of them."""
     heights = grid.compute_heights(near.means)
     upright = (near.opacities >= SOLID_OPACITY) & ~near.compact & (near.scales.max(axis=1) <= MAX_SPLAT)
     upright &= (heights >= WALL_BAND[0]) & (heights <= WALL_BAND[1])
     taken = grid.count_cells(grid.find_cells(near.means[upright])) > 0
     broad = np.asarray(ndimage.maximum_filter1d(taken.astype(np.uint8), 3, axis=1), bool)
-    return np.broadcast_to(broad.mean(axis=0) >= WALL_SHARE, grid.shape).copy()
+    whole = np.broadcast_to(broad.mean(axis=0) >= WALL_SHARE, grid.shape)
+    length = round(WALL_GAP / grid.size)
+    padded = np.pad(broad, ((length, length), (0, 0)))
+    pieces = np.asarray(ndimage.binary_closing(padded, np.ones((length, 1))), bool)[length:-length]
+    return whole | pieces

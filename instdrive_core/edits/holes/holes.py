@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.holes.cast_shadow import find_cast_shadow
+from instdrive_core.edits.holes.cast_shadow import find_cast_shadow, find_shaded_cells
 from instdrive_core.edits.holes.free_space import Occluder, build_occluder, count_sightings
 from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
@@ -43,6 +43,8 @@ MIN_ALIKE = 5
 """… in so many cells."""
 EDGE = 0.4
 """Metres around what stands on the ground that its paint and its darkness bleed into the ground."""
+DARK_RIM = 0.4
+"""Metres around a hole within which dark ground, the contact shadow's rim, belongs to it."""
 MIN_AREA = 0.15
 """Square metres: smaller holes are gaps between splats."""
 BARE_COVER = 0.5
@@ -108,6 +110,8 @@ def find_hole(
     closed = _close_gaps(wrong, candidates, ground.obstructed | kept, grid.size)
     bare = _find_bare_cells(grid, ground, around, looks, found.place) & (footprint | ~ground.obstructed) & ~kept
     hole = keep_large_parts(closed | missing | bare, grid.size, MIN_AREA)
+    rim = grow_cells(hole, grid.size, DARK_RIM) & find_shaded_cells(ground, clean) & ~ground.obstructed & ~kept
+    hole = hole | (rim & find_solid_cells(ground))
     shadow = find_cast_shadow(ground, clean, footprint, hole)
     return Hole(grid, np.argwhere(hole), np.argwhere(shadow), behind)
 

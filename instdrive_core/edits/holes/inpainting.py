@@ -33,6 +33,11 @@ class ExemplarConfig:
     """Added for each time that a piece close to it was taken already: nothing is stamped all over the hole."""
     reuse_reach: int = 2
     """Cells along and across within which a piece is close to another."""
+    line_penalty: float = 0.0
+    """Added per mean squared difference of what a piece brings from what is known on the same line along the lane: a
+    kerb goes on where it is seen before and behind the hole."""
+    line_reach: float = 10.0
+    """Cells along the lane over which known ones count less by e."""
     variety: float = 0.1
     """Share by which costs are drawn larger, so that no piece is repeated for a tiny advantage."""
 
@@ -61,6 +66,8 @@ def choose_source_cells(
     patches = sliding_window_view(padded, (window, window), axis=(0, 1))
     middles = _find_whole_windows(known, window)
     candidates = np.moveaxis(patches[tuple(middles.T)], 1, -1).copy()
+    lines = continue_lines(values, known, config.line_reach) if config.line_penalty else np.full(values.shape, np.nan)
+    lines = np.pad(lines, ((pad, pad), (pad, pad), (0, 0)), constant_values=np.nan)
     sources, uses = np.full((*hole.shape, 2), -1), np.zeros(len(middles))
     while todo.any():
         middle = _choose_next_middle(filled, todo, window)
@@ -69,8 +76,12 @@ def choose_source_cells(
         differences = ((candidates[:, there] - padded[part][there]) ** 2).sum(axis=2)
         costs = np.zeros(len(middles))
         if there.any():
-            brought = candidates[:, todo[part]]
-            costs = differences.mean(axis=1) + config.novelty_penalty * _measure_novelty(brought, padded[part][there])
+            brought, on_lines = candidates[:, todo[part]], lines[part][todo[part]]
+            told = np.isfinite(on_lines).all(axis=1)
+            if told.any():
+                costs += config.line_penalty * ((brought - on_lines)[:, told] ** 2).sum(axis=2).mean(axis=1)
+            old = np.concatenate([padded[part][there], on_lines[told]])
+            costs += differences.mean(axis=1) + config.novelty_penalty * _measure_novelty(brought, old)
         away = np.abs(middles - middle)
         costs = costs + config.across_penalty * away[:, 1] ** 2 + config.along_penalty * away[:, 0]
         costs += config.reuse_penalty * uses
@@ -82,6 +93,19 @@ def choose_source_cells(
         sources[tuple((places - pad).T)] = fresh - pad + middles[best]
         filled[tuple(places.T)], todo[tuple(places.T)] = True, False
     return sources
+
+
+def continue_lines(
+    values: Float64[ndarray, "a b v"], known: Bool[ndarray, "a b"], reach: float
+) -> Float64[ndarray, "a b v"]:
+    """Mean of what is known on each cell's line along axis 0, where a cell `reach` cells farther counts less by e.
+
+    NaN where what is known counts less than a cell right there.
+    """
+    steps = np.arange(len(values))
+    weights = np.exp(-np.abs(steps[:, None] - steps) / reach)
+    sums, total = np.einsum("ij,jbv->ibv", weights, np.where(known[..., None], values, 0)), weights @ known
+    return np.where((total >= 1)[..., None], sums / np.maximum(total, 1)[..., None], np.nan)
 
 
 def _measure_novelty(brought: Float64[ndarray, "c f v"], filled: Float64[ndarray, "t v"]) -> Float64[ndarray, " c"]:

@@ -25,7 +25,7 @@ from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.holes.backdrop import plan_backdrop
-from instdrive_core.edits.holes.cast_shadow import find_shaded_cells
+from instdrive_core.edits.holes.cast_shadow import find_shaded_cells, lies_in_shade
 from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill, plan_nothing
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
@@ -174,7 +174,7 @@ class FillHole(AppendEdit):
         left = np.setdiff1d(np.arange(len(document.scene)), plan.replaced, assume_unique=True)
         deleted = document.state.find_mask(Flag.DELETED)
         ground = plan.build_splats(document.scene.gaussians)
-        backdrop = plan_backdrop(bake_document(document, rows=left), ground, evidence.looks, rng)
+        backdrop = plan_backdrop(bake_document(document, rows=left), ground, self.plane, evidence.looks, rng)
         return replace(plan, backdrop=backdrop.gaussians, backdrop_like=left[~deleted[left]][backdrop.like])
 
     def _gather_evidence(self, document: Document) -> PhotoEvidence | None:
@@ -201,8 +201,9 @@ class FillHole(AppendEdit):
         place = grid.lift_to_ground(grid.compute_centers((middle - start)[None]))[0]
         near = find_neighborhood(document, place).exclude(lost)
         ground, known = find_known_ground(document, grid, near)
-        if self.lit:
-            known &= ~find_shaded_cells(ground, known)
+        shaded = find_shaded_cells(ground, known)
+        if self.lit and not lies_in_shade(shaded, known, hole, grid.size):
+            known &= ~shaded
         return plan_fill(near, hole, ground, known, rng)
 
 

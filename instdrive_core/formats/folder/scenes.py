@@ -191,4 +191,5 @@ SCENE_FOLDER = Format(
     write_scene_folder,
     Fidelity(is_exact=True),
     folder=FolderLayout(_holds_scene, _list_files, last_file=MANIFEST),
+    keeps_tracks=True,
 )

@@ -45,7 +45,7 @@ def check_columns(names: tuple[str, ...], path: Path) -> tuple[int, int]:
         raise DataError(path, problem, remedy)
     if missing:
         problem = f"the columns {', '.join(missing)} are missing"
-        raise DataError(path, problem, "Only .ply files of 3D Gaussians can be opened, not point clouds or meshes")
+        raise DataError(path, problem, "Only .ply files of 3D Gaussians or of bare points can be opened")
     rest, features = _count_numbered("f_rest_", names, path), _count_numbered("feature_", names, path)
     if rest % 3 or rest // 3 not in REST_COUNTS:
         counts = ", ".join(str(3 * count) for count in REST_COUNTS)

@@ -15,6 +15,7 @@ from instdrive_core.files.atomic import open_atomically
 from instdrive_core.files.ply_header import PlyHeader, read_ply_header
 from instdrive_core.files.ply_rows import CHUNK_ROWS, read_ply_chunks
 from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
+from instdrive_core.formats.clouds.ply import is_point_cloud, read_ply_cloud
 from instdrive_core.formats.export_checks import check_static
 from instdrive_core.formats.ply.columns import (
     ID_LIMITS,
@@ -36,13 +37,18 @@ from instdrive_core.scene.scene import Scene
 
 
 def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
-    """Open a .ply of 3D Gaussians: ASCII, binary or packed. Raises DataError where anything about it is wrong."""
+    """Open a .ply of 3D Gaussians (ASCII, binary or packed), or of bare points as a cloud.
+
+    Raises DataError where anything about it is wrong.
+    """
     path = Path(path)
     with path.open("rb") as file:
         header = read_ply_header(file, path, path.stat().st_size)
         names = header.dtype.names or ()
         if set(PACKED) <= set(names):
             return read_compressed_ply(path, options)
+        if is_point_cloud(header):
+            return read_ply_cloud(file, header, path, options)
         rest, features = check_columns(names, path)
         extra_bytes = sum(header.dtype[name].itemsize for name in _find_unknown_columns(names, rest, features))
         gaussians = allocate_gaussians(path, header.count, rest, features, options, extra=extra_bytes)

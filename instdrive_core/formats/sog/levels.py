@@ -76,6 +76,14 @@ def read_sog_folder(path: str | Path, level: int = 0, options: ReadOptions = WHO
     return _join([_keep_every(chunk, options) for chunk in _open_chunks(sources, metas, folder, options)], metas)
 
 
+def read_sog_levels(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
+    """Open the finest level of a lod-meta.json, whatever its name, or of a folder with one. Raises DataError."""
+    path = Path(path)
+    if path.is_dir():
+        return _read_streamed(path, 0, options)
+    return _read_streamed(path.parent, 0, options, path.name)
+
+
 def _find_chunk_folders(folder: Path) -> dict[tuple[int, int], Path]:
     entries = ((_CHUNK.fullmatch(entry.name), entry) for entry in folder.iterdir())
     found = {(int(match[1]), int(match[2])): entry for match, entry in entries if match}
@@ -87,8 +95,8 @@ def _choose_level(level: int, levels: set[int]) -> int:
     return min((number for number in levels if number >= level), default=max(levels))
 
 
-def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Scene:
-    content = FolderStore(folder).read_json(LOD_META)
+def _read_streamed(folder: Path, level: int, options: ReadOptions, name: str = LOD_META) -> Scene:
+    content = FolderStore(folder).read_json(name)
     version = content.get("version", 1)  # older files have none
     if version != 1:
         raise DataError(folder, f"{LOD_META} has 'version' {version!r}, not 1", "Export it as version 1")

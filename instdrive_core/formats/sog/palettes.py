@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
 from numpy import ndarray
-from scipy.cluster.vq import kmeans2
 
-from ...maths.streams import Stream, make_generator
+from instdrive_core.formats.sog.clusters import cluster_rows, find_different_rows, split_rows
+from instdrive_core.maths.streams import Stream, make_generator
 
 CODES = 256
 _ROUNDS = 20
-_LEAF, _LEAF_ROUNDS = 32, 3
-"""Entries of a palette that one k-means looks for, and its iterations."""
+_LEAF = 32
+"""Entries of a palette that one k-means looks for."""
 
 
 def choose_codebook(values: Float32[ndarray, " n"]) -> Float64[ndarray, "256"]:
@@ -48,20 +46,16 @@ def choose_palette(rows: Float32[ndarray, "n d"], most: int) -> tuple[Float32[nd
     """
     if len(rows) <= most:
         return rows, np.arange(len(rows))
-    different, place = np.unique(rows, axis=0, return_inverse=True)
-    place = place.ravel().astype(np.int64)
+    first, place = find_different_rows(np.ascontiguousarray(rows))
+    different = rows[first]
     if len(different) <= most:
         return different, place
+    order, parts = split_rows(different, most, _LEAF)
+    share = most // len(parts)
     palette, labels, used = [], np.empty(len(different), np.int64), 0
-    parts = [(np.arange(len(different)), most)]
     rng = make_generator(0, Stream.SOG_PALETTE)
-    while parts:
-        mine, share = parts.pop()
-        if share > _LEAF:
-            column = different[mine][:, np.argmax(np.var(different[mine], axis=0))]
-            order = mine[np.argsort(column, kind="stable")]
-            parts += [(order[: len(mine) // 2], share // 2), (order[len(mine) // 2 :], share // 2)]
-            continue
+    for part in parts:
+        mine = order[part.start : part.stop]
         centers, found = _cluster(different[mine], share, rng)
         palette.append(centers)
         labels[mine] = found + used
@@ -76,8 +70,6 @@ def _cluster(
     if len(rows) <= count:
         return rows, np.arange(len(rows))
     starts = rows[np.sort(rng.choice(len(rows), count, replace=False))]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # an empty cluster only leaves an entry unused
-        centers, found = kmeans2(rows, starts, iter=_LEAF_ROUNDS, minit="matrix")
+    centers, found = cluster_rows(rows, starts)
     used, found = np.unique(found, return_inverse=True)
-    return centers[used].astype(np.float32), found.ravel().astype(np.int64)
+    return centers[used], found.ravel().astype(np.int64)

@@ -24,7 +24,7 @@ from instdrive_core.files.plain_file import require_plain_file
 REMEDY = "Copy the scene again with all its files, or export it again"
 _MAX_JSON_BYTES = 16 << 20
 _BAD_IMAGE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning)
-_BAD_MEMBER = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, struct.error)
+BAD_MEMBER = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, struct.error)
 
 
 class Store(ABC):
@@ -116,7 +116,7 @@ class ZipStore(Store):
         try:
             with self._archive.open(info) as member:
                 return member.read(limit + 1)
-        except _BAD_MEMBER as error:
+        except BAD_MEMBER as error:
             raise DataError(self.path, f"{name!r} in the archive is damaged ({error})", REMEDY) from error
 
 
@@ -125,7 +125,7 @@ def open_sog_archive(path: Path) -> Iterator[ZipStore]:
     """Open the members of a .sog. Raises DataError where it is no zip archive."""
     try:
         archive = zipfile.ZipFile(require_plain_file(path))
-    except _BAD_MEMBER as error:
+    except BAD_MEMBER as error:
         raise DataError(path, f"the file is no whole zip archive ({error})", REMEDY) from error
     with archive:
         yield ZipStore(path, archive)

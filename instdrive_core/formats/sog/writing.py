@@ -1,10 +1,12 @@
-"""Writing .sog archives, version 2: the counterpart of `scenes`, which says what is lost."""
+"""Writing SOG scenes, version 2, as archives or folders: the counterpart of `scenes`, which says what is lost."""
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import math
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import open_atomically
+from instdrive_core.files.atomic import open_atomically, write_bytes
 from instdrive_core.formats.export_checks import check_numbers, check_static
 from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.sog.meta import PALETTE_LIMIT
@@ -32,6 +34,7 @@ LOG_SCALE_LIMITS = (-87.0, 88.0)
 FARTHEST = 1e30
 """Metres; readers refuse exponents beyond ±80."""
 _RUN = 256
+_IMAGE = re.compile(r"(means_l|means_u|quats|scales|sh0|shN_centroids|shN_labels)\.[0-9a-f]{8}\.webp")
 
 
 def write_sog(path: str | Path, scene: Scene) -> None:
@@ -39,21 +42,48 @@ def write_sog(path: str | Path, scene: Scene) -> None:
 
     Raises DataError where the scene has moving actors, no splats, or values that are no numbers or too far away.
     """
-    check_static(path, scene, ".sog")
-    if not len(scene):
-        raise DataError(path, "the scene has no splats, and images need a pixel", "Save as .ply instead")
-    _check(path, scene.gaussians)
-    gaussians = scene.gaussians.select(order_for_sog(scene.gaussians.means))
-    meta: dict[str, Any] = {"version": 2, "count": len(scene), "antialias": scene.antialiased}
-    files = _pack_images(gaussians, meta)
+    check_for_sog(path, scene, ".sog")
+    files = pack_sog(scene.gaussians.select(order_for_sog(scene.gaussians.means)), scene.antialiased)
     with open_atomically(path) as file:
         with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
-            # A ZipInfo has a fixed date, so that equal scenes make equal files.
-            archive.writestr(zipfile.ZipInfo(META), json.dumps(meta))
             for name, data in files.items():
+                # A ZipInfo has a fixed date, so that equal scenes make equal files.
                 archive.writestr(zipfile.ZipInfo(name), data)
         file.seek(0, 2)
         check_plausible_count(path, len(scene), file.tell())
+
+
+def write_sog_folder(path: str | Path, scene: Scene) -> None:
+    """Write a meta.json, atomically, and its images beside it, under names that no older images have.
+
+    Raises DataError where `write_sog` does.
+    """
+    path = Path(path)
+    check_for_sog(path, scene, META)
+    files = pack_sog(scene.gaussians.select(order_for_sog(scene.gaussians.means)), scene.antialiased)
+    check_plausible_count(path, len(scene), sum(len(data) for data in files.values()))
+    save_sog_files(path, files)
+    for image in path.parent.iterdir():
+        if _IMAGE.fullmatch(image.name) and image.name.encode() not in path.read_bytes():
+            image.unlink()
+
+
+def save_sog_files(path: Path, files: dict[str, bytes]) -> None:
+    """Save what `pack_sog` made, the meta.json as `path` and last; digests of images become part of their names."""
+    names = {name: _name_image(name, data) for name, data in files.items() if name != META}
+    meta = json.loads(files[META])
+    for entry in meta.values():
+        if isinstance(entry, dict):
+            entry["files"] = [names[name] for name in entry["files"]]
+    new = [path.with_name(unique) for unique in names.values() if not path.with_name(unique).exists()]
+    try:
+        for name, unique in names.items():
+            write_bytes(path.with_name(unique), files[name])
+        write_bytes(path, json.dumps(meta).encode())
+    except BaseException:
+        for image in new:
+            image.unlink(missing_ok=True)
+        raise
 
 
 def order_for_sog(means: Float[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
@@ -68,7 +98,12 @@ def bound_position_error(means: Float[ndarray, "n 3"]) -> Float[ndarray, "n 3"]:
     return np.expm1(half) * (1 + np.abs(means.astype(np.float64))) * 1.001 + 1e-6 * np.abs(means) + 1e-12
 
 
-def _check(path: str | Path, gaussians: Gaussians) -> None:
+def check_for_sog(path: str | Path, scene: Scene, suffix: str) -> None:
+    """Check that a SOG can hold a scene. Raises DataError where it cannot, for the reasons that `write_sog` states."""
+    check_static(path, scene, suffix)
+    if not len(scene):
+        raise DataError(path, "the scene has no splats, and images need a pixel", "Save as .ply instead")
+    gaussians = scene.gaussians
     rows = np.arange(len(gaussians))
     for name in ("means", "quats", "sh_dc", "sh_rest"):
         check_numbers(path, name, getattr(gaussians, name), rows)
@@ -80,7 +115,9 @@ def _check(path: str | Path, gaussians: Gaussians) -> None:
         raise DataError(path, problem, "Delete strays, or save as .ply")
 
 
-def _pack_images(gaussians: Gaussians, meta: dict[str, Any]) -> dict[str, bytes]:
+def pack_sog(gaussians: Gaussians, antialiased: bool) -> dict[str, bytes]:
+    """Pack Gaussians, row by row, as the files of one SOG scene by their names: the meta.json and its images."""
+    meta: dict[str, Any] = {"version": 2, "count": len(gaussians), "antialias": antialiased}
     files: dict[str, bytes] = {}
 
     def add(entry: str, fields: dict[str, Any], images: dict[str, ndarray]) -> None:
@@ -114,7 +151,12 @@ def _pack_images(gaussians: Gaussians, meta: dict[str, Any]) -> dict[str, bytes]
         files["shN_labels.webp"] = _encode_webp(_arrange(np.column_stack([labels % 256, labels // 256])))
         fields = {"count": len(palette), "bands": gaussians.sh_degree, "codebook": codes.tolist()}
         meta["shN"] = fields | {"files": ["shN_centroids.webp", "shN_labels.webp"]}
-    return files
+    return {META: json.dumps(meta).encode(), **files}
+
+
+def _name_image(name: str, data: bytes) -> str:
+    stem, suffix = name.split(".")
+    return f"{stem}.{hashlib.sha256(data).hexdigest()[:8]}.{suffix}"
 
 
 def _compress_positions(means: ndarray) -> ndarray:

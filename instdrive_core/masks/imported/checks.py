@@ -37,7 +37,7 @@ def check_size(file: Path, what: str, mask_size: tuple[int, int], photo_size: tu
 def check_count(file: Path, what: str, count: int) -> None:
     """Raise DataError for no mask, or more than a label map can tell apart."""
     if count < 1:
-        remedy = "Make them again, or leave the photo out with --cameras, --first-frame or --last-frame"
+        remedy = "Make them again, or leave the photo out with --cameras, --first or --last"
         raise DataError(file, f"{what} holds no mask", remedy)
     if count > MAX_MASKS:
         raise DataError(file, f"{what} holds {count} masks, more than {MAX_MASKS} labels tell apart", REMEDY)

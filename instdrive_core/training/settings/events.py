@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from jaxtyping import UInt8
+from numpy import ndarray
+
 Stage = Literal["rgb", "instances"]
 
 
@@ -56,4 +59,15 @@ class DensifyDone:
     pruned: int
 
 
-Event = StepDone | StageStarted | CheckpointDue | DensifyDone
+@dataclass(frozen=True)
+class ViewDrawn:
+    """A training photo as it was drawn in a step, for somebody to look at."""
+
+    iteration: int
+    key: str
+    """Which photo, ``CAMERA/NN``."""
+    drawn: UInt8[ndarray, "h w 3"]
+    photo: UInt8[ndarray, "h w 3"]
+
+
+Event = StepDone | StageStarted | CheckpointDue | DensifyDone | ViewDrawn

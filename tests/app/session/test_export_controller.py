@@ -91,6 +91,9 @@ def test_a_folder_can_hold_the_shown_moment(session, street, tmp_path):
     export(session, tmp_path / "moment", keep_tracks=False)
     export(session, tmp_path / "tracks")
     assert (open_scene(tmp_path / "moment").actors, len(open_scene(tmp_path / "tracks").actors)) == ((), 1)
+    export(session, tmp_path / "moment.usdc", keep_tracks=False)
+    export(session, tmp_path / "tracks.usdc")
+    assert (open_scene(tmp_path / "moment.usdc").actors, len(open_scene(tmp_path / "tracks.usdc").actors)) == ((), 1)
 
 
 def test_sibr_files_under_any_name(session, tmp_path):
@@ -199,4 +202,5 @@ def test_endings_are_read_from_the_path_and_replaced_there():
 
 
 def test_every_written_format_can_be_chosen():
-    assert set(KINDS["scene"].endings) == {fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None}
+    written = {fmt.suffix for fmt in FORMATS if fmt.suffix.startswith(".") and fmt.write is not None}
+    assert set(KINDS["scene"].endings) == written

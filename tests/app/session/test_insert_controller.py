@@ -6,6 +6,7 @@ from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
 from instdrive_app.state import Intrinsics, Viewpoint
+from instdrive_core.formats.clouds.sample_files import build_pcd
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.scene.camera import look_at
 from instdrive_core.scene.scene import scene_from_gaussians
@@ -136,3 +137,20 @@ def test_inserted_scenes_of_our_own_are_not_asked_about(session, street, tmp_pat
     session.insertion.insert(car_file(tmp_path, instances=True))
     finish(session)
     assert session.orientation.offer is None
+
+
+def test_a_cloud_of_points_stays_where_its_coordinates_have_it(session, street, tmp_path):
+    """Beside a scene whose origin is another one; a cloud of another town stands before the camera."""
+    points = np.random.default_rng(0).uniform(0, 4, (300, 3)) + np.array([2.0, 8.0, 0.0])
+    colors = np.full((300, 3), 90)
+    street.scene.origin = np.array([1000.0, 2000.0, 10.0])
+    for name, corner in (("here", street.scene.origin), ("elsewhere", np.array([9e4, 2000.0, 10.0]))):
+        (tmp_path / f"{name}.pcd").write_bytes(build_pcd(points + corner, colors, "binary"))
+        session.insertion.insert(tmp_path / f"{name}.pcd")
+        finish(session)
+        means = street.compute_means(street.find_rows(session.selection.ids))
+        if name == "here":
+            np.testing.assert_allclose(means, points, atol=1e-3)
+            assert "where its coordinates have it" in session.messages.log[-1].text
+        else:
+            assert np.linalg.norm(means.mean(axis=0) - session.state.viewpoint.position) < 100

@@ -173,8 +173,8 @@ def test_damaged_cameras_are_named(text, old, new, problem):
         load(text)
 
 
-def test_a_fisheye_is_refused_with_the_way_out(text):
-    (text / "sparse" / "0" / "cameras.txt").write_text("7 OPENCV_FISHEYE 64 48 50 50 32 24 0.1 0 0 0\n")
+def test_a_lens_that_is_not_known_is_refused_with_the_way_out(text):
+    (text / "sparse" / "0" / "cameras.txt").write_text("7 FOV 64 48 50 50 32 24 0.9\n")
     with pytest.raises(DataError, match="image_undistorter"):
         load(text)
 

@@ -230,7 +230,7 @@ def test_unusable_scales_are_refused(root, scale):
 
 
 def test_an_empty_frame_range_is_refused(root):
-    with pytest.raises(OptionError, match="no photo lies in the frames 7–last"):
+    with pytest.raises(OptionError, match="no photo lies in the chosen frames; there are 2–6"):
         load(root, first_frame=7)
 
 

@@ -278,9 +278,9 @@ def test_endless_lines_take_no_memory(tmp_path, before):
         tracemalloc.stop()
 
 
-def test_a_point_cloud_is_recognised(tmp_path):
-    write_by_plyfile(tmp_path / "a.ply", {name: np.zeros(3, np.float32) for name in "xyz"})
-    with pytest.raises(DataError, match="point clouds"):
+def test_a_point_cloud_with_some_columns_of_splats_is_refused(tmp_path):
+    write_by_plyfile(tmp_path / "a.ply", {name: np.zeros(3, np.float32) for name in ("x", "y", "z", "opacity")})
+    with pytest.raises(DataError, match="of 3D Gaussians or of bare points"):
         read_ply(tmp_path / "a.ply")
 
 

@@ -135,7 +135,7 @@ def test_playbot_opens_at_its_finest_level(splat_files):
     assert len(read_sog_folder(splat_files / "playbot", level=99)) == counts[6]
 
 
-def test_what_was_opened_can_be_saved_but_not_as_a_sog_folder(tmp_path):
+def test_what_was_opened_can_be_saved_but_not_as_a_checkpoint(tmp_path):
     content, meta = small_scene()
     write_archive(tmp_path / "a.sog", files_of(content, meta))
     before = (tmp_path / "a.sog").read_bytes()
@@ -143,7 +143,7 @@ def test_what_was_opened_can_be_saved_but_not_as_a_sog_folder(tmp_path):
     save_scene(tmp_path / "a.ply", scene)
     assert open_scene(tmp_path / "a.ply").gaussians.means.tobytes() == scene.gaussians.means.tobytes()
     with pytest.raises(DataError, match=r"can be opened but not written.*\.spz"):
-        save_scene(tmp_path / "meta.json", random_scene())
+        save_scene(tmp_path / "a.ckpt", random_scene())
     with pytest.raises(DataError, match="actors that move"):
         save_scene(tmp_path / "a.sog", random_scene())
     assert (tmp_path / "a.sog").read_bytes() == before

@@ -5,9 +5,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from quantised_cases import hard_gaussians, rotation_angles
 from random_scene import random_gaussians
+from scipy.cluster.vq import kmeans2
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
+from instdrive_core.formats.sog import clusters
 from instdrive_core.formats.sog.palettes import choose_codebook, choose_palette, find_codes
 from instdrive_core.formats.sog.writing import LOG_SCALE_LIMITS, bound_position_error, order_for_sog
 from instdrive_core.scene.scene import scene_from_gaussians
@@ -49,6 +51,25 @@ def test_rows_that_are_alike_take_one_entry():
     palette, labels = choose_palette(rows, 2000)
     assert len(palette) == 31
     np.testing.assert_array_equal(palette[labels], rows)
+
+
+def test_clusters_are_those_of_another_kmeans():
+    rng = np.random.default_rng(6)
+    rows = (rng.normal(size=(8, 9))[rng.integers(0, 8, 400)] + rng.normal(0, 0.2, (400, 9))).astype(np.float32)
+    centers, found = clusters.cluster_rows(rows, rows[:20])
+    wanted, _ = kmeans2(rows, rows[:20], iter=clusters.ROUNDS, minit="matrix", missing="warn")
+    np.testing.assert_allclose(centers, wanted, atol=1e-5)
+    np.testing.assert_array_equal(found, np.linalg.norm(rows[:, None] - centers, axis=2).argmin(axis=1))
+
+
+@pytest.mark.parametrize("hashes_meet", [False, True])
+def test_equal_rows_are_found(monkeypatch, hashes_meet):
+    if hashes_meet:
+        monkeypatch.setattr(clusters, "_hash_rows", lambda bits: np.zeros(len(bits), np.uint64))
+    rows = np.random.default_rng(7).integers(0, 3, (900, 4)).astype(np.float32)
+    first, place = clusters.find_different_rows(rows)
+    np.testing.assert_array_equal(rows[first][place], rows)
+    assert len(first) == len(np.unique(rows, axis=0))
 
 
 def test_the_ends_of_a_codebook_are_kept():

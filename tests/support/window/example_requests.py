@@ -8,7 +8,9 @@ from instdrive_app.session.requests import (
     AskChangedScene,
     AskClass,
     AskExport,
+    AskLeaveJob,
     AskName,
+    AskNewScene,
     AskOtherSave,
     AskPath,
     AskReassign,
@@ -17,6 +19,7 @@ from instdrive_app.session.requests import (
     AskUnsaved,
     AskUp,
     OfferCleanup,
+    OfferJob,
     OfferRecovery,
     ReceiveDrop,
     ShowAbout,
@@ -37,6 +40,9 @@ def list_requests(scene, instance):
         "insert": AskPath("insert"),
         "save": AskPath("save"),
         "export": AskExport(),
+        "new scene": AskNewScene(),
+        "leave job": AskLeaveJob(do_nothing),
+        "unfinished job": OfferJob(scene.parent),
         "shortcuts": ShowShortcuts(),
         "about": ShowAbout(),
         "palette": ShowPalette(),
@@ -64,6 +70,7 @@ def fill_in(session, scene):
         np.arange(3),
         "Best deleted: most viewers draw nothing or fail where one is in view",
     )
+    session.making.run = scene.parent
     session.files.defects = (not_finite, Defect("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"))
     session.files.autosave.recoverable = [
         RecoverableSession(scene.parent, scene, datetime(2026, 5, 4, 12, 30, tzinfo=UTC), 12),

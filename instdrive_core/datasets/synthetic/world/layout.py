@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -39,9 +39,10 @@ USUAL_STEPS = 100
 """Time steps for which the street has its usual length."""
 
 
+@lru_cache(maxsize=2)
 def build_street(config: StreetConfig) -> Street:
     """The street of a seed. Independent parts draw from independent generators, so that one can change without the
-    others."""
+    others. The last two are kept: who writes a clip often asks for its masks next."""
     names = ("ground", "houses", "trees", "furniture", "parked", "traffic", "people", "light")
     generators = dict(zip(names, np.random.SeedSequence(config.seed).spawn(len(names)), strict=True))
     rng = {name: np.random.default_rng(sequence) for name, sequence in generators.items()}

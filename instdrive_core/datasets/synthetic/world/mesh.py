@@ -89,8 +89,11 @@ def join_meshes(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
     )
 
 
-def build_flat_mesh(corners: ndarray, material: int, texcoords: ndarray | None = None) -> TriangleMesh:
-    """Build a mesh with flat normals; texture coordinates default to the positions."""
+def build_flat_mesh(
+    corners: ndarray, material: int | Int32[ndarray, " n"], texcoords: ndarray | None = None
+) -> TriangleMesh:
+    """Build a mesh with flat normals, of one material or one for each triangle; texture coordinates default to the
+    positions."""
     corners = np.asarray(corners, np.float32)
     normals = _compute_area_normals(corners)
     normals /= np.sqrt(np.maximum((normals * normals).sum(axis=-1, keepdims=True), 1e-24))

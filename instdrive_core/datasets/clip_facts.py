@@ -1,4 +1,4 @@
-"""What a driving clip holds, as lines for a terminal."""
+"""What a driving clip holds, as labels and texts."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""mkkellogg's .ksplat, compression levels 0 to 2."""

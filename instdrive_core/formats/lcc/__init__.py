@@ -1,0 +1,1 @@
+"""XGRIDS' .lcc: a meta file beside splats in levels of detail."""

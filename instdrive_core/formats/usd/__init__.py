@@ -1,0 +1,1 @@
+"""OpenUSD's ParticleField3DGaussianSplat: .usd, .usda, .usdc and .usdz (extra `usd`)."""

@@ -1,0 +1,106 @@
+"""What a folder or file is that somebody wants a scene of, and what it has: photos, LiDAR, boxes, masks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+from instdrive_core.datasets.capture.candidates import PHOTOS, VIDEOS, list_photo_files
+from instdrive_core.datasets.capture.choice import FEWEST
+from instdrive_core.datasets.clip import Clip, ClipOptions
+from instdrive_core.datasets.clip_facts import list_clip_facts
+from instdrive_core.datasets.photos import read_photo_size
+from instdrive_core.datasets.registry import find_data_set
+from instdrive_core.errors import DataError
+from instdrive_core.extras import explain_missing_module
+from instdrive_core.masks.annotated.labels import has_annotations
+from instdrive_core.masks.exact import has_exact_labels
+from instdrive_core.masks.label_map_folder import SIDECAR
+from instdrive_core.wording import format_count
+
+SourceKind = Literal["clip", "photos", "video"]
+MaskPlan = Literal["own", "exact", "annotations", "lidar", "sam", "none"]
+_MASK_WORDS: dict[MaskPlan, str] = {
+    "own": "there already, used as they are",
+    "exact": "made from the synthetic clip's labels",
+    "annotations": "made from boxes, classes and LiDAR",
+    "lidar": "made from LiDAR and photos",
+    "sam": "made by Segment Anything",
+    "none": "none; without them nothing can be clicked (Segment Anything makes some: pip install 'instdrive[sam]')",
+}
+
+
+@dataclass(frozen=True)
+class SourceFacts:
+    """What a scene can be made of."""
+
+    kind: SourceKind
+    title: str
+    """Words on what it is."""
+    facts: tuple[tuple[str, str], ...]
+    """Labels and texts."""
+    masks: MaskPlan
+    """Where masks come from."""
+    finds_tracks: bool
+    """Whether moving objects are looked for in LiDAR sweeps."""
+    problem: str = ""
+    """Why nothing can be made of it on this machine; empty where something can."""
+
+
+def look_at_source(source: Path) -> SourceFacts:
+    """Look at a folder or video.
+
+    Raises DataError where it is neither a data set, nor a folder of photos, nor a video, or where a file is damaged.
+    """
+    data_set = find_data_set(str(source))
+    if data_set is not None:
+        clip = data_set.load(str(source), ClipOptions(scale=1.0))
+        masks = choose_masks(clip)
+        facts = (*list_clip_facts(data_set.title, clip), ("masks", _MASK_WORDS[masks]))
+        finds = bool(clip.sweeps) and not clip.tracks
+        return SourceFacts("clip", f"{data_set.title} clip", facts, masks, finds, find_missing("torch"))
+    if source.is_dir() and any(file.suffix.lower() in PHOTOS for file in source.iterdir()):
+        return _look_at_photos(source)
+    if source.is_file() and source.suffix.lower() in VIDEOS:
+        masks = choose_photo_masks()
+        facts = (("video", f"{source.stat().st_size / 1e6:,.1f} MB"), ("masks", _MASK_WORDS[masks]))
+        return SourceFacts("video", "Video", facts, masks, False, find_missing("torch", "cv2", "pycolmap"))
+    problem = "is no data set, no folder of photos and no video" if source.exists() else "was not found"
+    remedy = f"Choose a clip's folder, a folder of photos ({', '.join(PHOTOS)}), or a video ({', '.join(VIDEOS)})"
+    raise DataError(source, problem, remedy)
+
+
+def choose_masks(clip: Clip) -> MaskPlan:
+    """Choose where a clip's masks come from: the best that it has what is needed for."""
+    if (Path(clip.path) / "masks" / SIDECAR).is_file():
+        return "own"
+    if has_exact_labels(clip.path):
+        return "exact"
+    if has_annotations(clip):
+        return "annotations"
+    return "lidar" if clip.training_sweeps else choose_photo_masks()
+
+
+def choose_photo_masks() -> MaskPlan:
+    """Choose where masks of photos alone come from: Segment Anything where it is installed, else nowhere."""
+    return "none" if find_missing("torch", "transformers") else "sam"
+
+
+def find_missing(*packages: str) -> str:
+    """Say what to install where one of some packages is missing; empty where all are there."""
+    for package in packages:
+        if find_spec(package) is None:
+            return str(explain_missing_module(ModuleNotFoundError(name=package)))
+    return ""
+
+
+def _look_at_photos(source: Path) -> SourceFacts:
+    files = list_photo_files(source)
+    masks, (width, height) = choose_photo_masks(), read_photo_size(files[0])
+    facts = (("photos", f"{len(files):,}, the first of {width}×{height}"), ("masks", _MASK_WORDS[masks]))
+    problem = find_missing("torch", "cv2", "pycolmap")
+    if len(files) < FEWEST:
+        problem = f"{format_count(len(files), 'photo')}: at least {FEWEST} are needed, taken from places apart"
+    return SourceFacts("photos", "Folder of photos", facts, masks, False, problem)
