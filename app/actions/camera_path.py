@@ -47,6 +47,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             enabled=lambda: session.document is not None,
             icon="ICON_FA_PLUS",
             words=_WORDS,
+            undoable=True,
         ),
         Action(
             "path.replace",
@@ -57,7 +58,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             icon="ICON_FA_ARROWS_ROTATE",
             words=_WORDS,
             needs="Click a key in the Camera path panel first",
-            undoable=False,
+            undoable=True,
         ),
         Action(
             "path.delete",
@@ -68,7 +69,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             icon="ICON_FA_TRASH",
             words=_WORDS,
             needs="Click a key in the Camera path panel first",
-            undoable=False,
+            undoable=True,
         ),
         Action(
             "path.film",

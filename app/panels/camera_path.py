@@ -8,12 +8,13 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, LINE, TEXT, pack_color
 from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_text, fit_text, scale_pixels, scale_size
+from instdrive_app.session.showing.path_controller import PathController
 from instdrive_core.wording import format_count
 
 HEIGHT, KEY = 34.0, 7.0
 """Height of the strip, and half the width of a key; pixels at scale 1."""
-SHORTEST, ROOM = 10.0, 1.25
-"""Seconds that the strip shows at least, and how much more than the path it shows."""
+SHORTEST, ROOM, MUCH_ROOM = 10.0, 1.25, 6.0
+"""Seconds that the strip shows at least, and how much more than the path it shows at first and at most."""
 _STEPS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 300.0)
 _LABEL_WIDTH = 48.0
 
@@ -23,9 +24,15 @@ class CameraPathPanel:
 
     def __init__(self) -> None:
         self._dragged: int | None = None
-        """Index of the key that is being dragged."""
+        """Index of the key that is held."""
+        self._grip = self._pressed = 0.0
+        """Pixels from the held key to where it was taken, and where the mouse was pressed."""
+        self._has_moved = False
+        """Whether the mouse has moved far enough since to be dragging."""
+        self._drags = 0
+        """Number of drags so far: each is one step to undo."""
         self._span = SHORTEST
-        """Seconds that the strip shows; does not change during a drag."""
+        """Seconds that the strip shows; stays as it is while the keys fit in well."""
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
@@ -49,30 +56,44 @@ class CameraPathPanel:
         imgui.invisible_button("##strip", ImVec2(width, height))
         ui.mark("path.strip")
         edge = scale_pixels(KEY + 2)
-        active = imgui.is_item_active()
-        if not active:
-            self._span, self._dragged = max(SHORTEST, path.end * ROOM), None
+        active, is_released = imgui.is_item_active(), imgui.is_item_deactivated()
+        if not (active or is_released) and not path.end <= self._span <= max(SHORTEST, MUCH_ROOM * path.end):
+            self._span = max(SHORTEST, path.end * ROOM)
         per_second = max(width - 2 * edge, 1.0) / self._span
         middle, left = at.y + height * 0.68, at.x + edge
-        pointed = imgui.get_io().mouse_pos.x
         if imgui.is_item_activated():
-            nearest = min(
-                range(len(path.keys)), key=lambda i: abs(left + path.keys[i].at * per_second - pointed), default=None
-            )
-            if nearest is not None and abs(left + path.keys[nearest].at * per_second - pointed) <= edge:
-                self._dragged = nearest
-                path.go_to_key(nearest)
-        if active:
-            path.playing = False
-            seconds = min(max((pointed - left) / per_second, 0.0), self._span)
-            if self._dragged is None:
-                path.seek(seconds)
-            elif imgui.is_mouse_dragging(0, scale_pixels(3)):
-                path.move(self._dragged, seconds)
-        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip) and not active:
+            self._press(path, left, per_second)
+        if active or is_released:
+            self._drag(path, left, per_second)
+            per_second = max(width - 2 * edge, 1.0) / self._span
+        elif imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip("Click a key to go there, drag it to change when; click elsewhere to look along the path")
         _draw_ruler(left, at.y, middle, self._span, per_second)
         self._draw_keys(ui, left, middle, per_second)
+
+    def _press(self, path: PathController, left: float, per_second: float) -> None:
+        """Take the key under the mouse, if there is one, and look from it."""
+        pointed = imgui.get_io().mouse_pos.x
+        places = [left + key.at * per_second for key in path.keys]
+        nearest = min(range(len(places)), key=lambda index: abs(places[index] - pointed), default=None)
+        self._dragged, self._pressed, self._has_moved = None, pointed, False
+        path.playing = False
+        if nearest is not None and abs(places[nearest] - pointed) <= scale_pixels(KEY + 2):
+            self._dragged, self._grip, self._drags = nearest, pointed - places[nearest], self._drags + 1
+            path.go_to_key(nearest)
+
+    def _drag(self, path: PathController, left: float, per_second: float) -> None:
+        """Let the held key, or else the playhead, follow the mouse; beyond the end more and more is shown."""
+        pointed = imgui.get_io().mouse_pos.x
+        self._has_moved = self._has_moved or abs(pointed - self._pressed) >= scale_pixels(3)
+        grip = 0.0 if self._dragged is None else self._grip
+        seconds = max((pointed - grip - left) / per_second, 0.0)
+        if seconds > self._span:
+            seconds = self._span = self._span * (1 + min(imgui.get_io().delta_time, 0.1))
+        if self._dragged is None:
+            path.seek(seconds)
+        elif self._has_moved:
+            self._dragged = path.move(self._dragged, seconds, f"drag {self._drags}")
 
     def _draw_keys(self, ui: Ui, left: float, middle: float, per_second: float) -> None:
         path, draw = ui.session.camera_path, imgui.get_window_draw_list()

@@ -54,8 +54,8 @@ PANELS = (
     PanelRecord("Log", "ICON_FA_RECEIPT", "Bottom", LogPanel),
     PanelRecord("Filter", "ICON_FA_FILTER", "RightBottom", FilterPanel, shown=False),
     PanelRecord("Views", "ICON_FA_BOOKMARK", "RightBottom", ViewsPanel, shown=False),
-    PanelRecord("Camera path", "ICON_FA_CLAPPERBOARD", "Bottom", CameraPathPanel, shown=False),
     PanelRecord("Training", "ICON_FA_CHART_LINE", "RightBottom", TrainingPanel, shown=False),
     PanelRecord("Runs", "ICON_FA_SCALE_BALANCED", "RightBottom", RunsPanel, shown=False),
+    PanelRecord("Camera path", "ICON_FA_CLAPPERBOARD", "Bottom", CameraPathPanel, shown=False),
 )
 """The panels, in the order of their tabs."""

@@ -140,6 +140,16 @@ class EditorSession:
         self.aids.follow_scene(change)
         self.camera_path.follow_scene(change)
 
+    def undo(self) -> None:
+        """Undo one step: of the camera path where that was changed last, else of the scene."""
+        if self.jobs.is_blocking or self.history.is_jumping or not self.camera_path.undo():
+            self.history.undo()
+
+    def redo(self) -> None:
+        """Redo one step: of the camera path where that was undone last, else of the scene."""
+        if self.jobs.is_blocking or self.history.is_jumping or not self.camera_path.redo():
+            self.history.redo()
+
     def wake(self) -> None:
         """Make the window draw a frame; can be called from any thread."""
         self.wake_window()

@@ -108,11 +108,13 @@ class ExportKind:
     """Says how much there is to export; empty for nothing."""
     missing: str = ""
     """What the user reads where there is nothing to export."""
+    filled_folder: bool = False
+    """Whether the path can also be that of a new folder, which is filled with files."""
 
     @property
     def takes_folder(self) -> bool:
         """Whether the path can be a folder's."""
-        return self.scene_folder or not self.endings
+        return self.scene_folder or self.filled_folder or not self.endings
 
 
 def choose_instances(document: Document) -> tuple[int, ...]:
@@ -211,7 +213,7 @@ def _write_film(request: ExportRequest) -> str:
         write_camera_path(request.path, request.path_keys)
         return f"Exported the {format_count(len(request.path_keys), 'key')} of the camera path to {request.path}"
     path, film = CameraPath(request.path_keys), request.choice.film
-    check_film(path, film, request.path)
+    check_film(path.end - path.start, film, request.path)
     scene = _bake_shown_scene(request)
     with report_span(_BAKING, 1.0):
         count = write_film(request.path, scene, path, film)
@@ -321,10 +323,10 @@ KINDS: dict[What, ExportKind] = {
         "Film along the camera path",
         _write_film,
         (*CODECS, ".json"),
-        True,
-        "_film.mp4" if find_spec("av") else "_film",
-        _count_splats,
-        "The camera path has no keys; add views to it with Shift+K",
+        filled_folder=True,
+        suggestion="_film.mp4" if find_spec("av") else "_film",
+        amount=_count_splats,
+        missing="The camera path has no keys; add views to it with Shift+K",
     ),
 }
 """Kinds in the order of the dialog."""

@@ -13,6 +13,7 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.cli.arguments import check_known_ids, choose_time, find_named_view
+from instdrive_core.cli.share_progress import show_share
 from instdrive_core.errors import OptionError
 from instdrive_core.files.atomic import open_atomically
 from instdrive_core.filming.camera_path import CameraPath
@@ -37,7 +38,7 @@ def render_pictures(
     view: str | None = None,
     all_views: bool = False,
     path: Path | None = None,
-    rate: float = 30.0,
+    rate: float | None = None,
     mode: Mode = "color",
     hide: tuple[int, ...] = (),
     time: float | None = None,
@@ -54,7 +55,7 @@ def render_pictures(
             camera, or `orbit` where the scene has none.
         all_views: Draw the view of every photo.
         path: Film along the camera path of this project, or of a .json that the editor exported.
-        rate: Frames per second of a film.
+        rate: Frames per second of a film; default: 30.
         mode: `instance` and `codeword` pictures hold exact IDs: `instances.colormap.ids_from_colors` reads them back.
         hide: IDs of instances to leave out.
         time: Seconds into the drive at which moving objects are shown; default: the photo's.
@@ -66,8 +67,11 @@ def render_pictures(
     if path is not None:
         if view is not None or all_views or time is not None:
             raise OptionError("--path says where the camera is and when; leave out --view, --all-views and --time")
-        _render_film(scene, path, out, FilmSettings(width or DEFAULT_WIDTH, height or DEFAULT_HEIGHT, rate, mode), hide)
+        size = DEFAULT_WIDTH if width is None else width, DEFAULT_HEIGHT if height is None else height
+        _render_film(scene, path, out, FilmSettings(*size, 30.0 if rate is None else rate, mode), hide)
         return
+    if rate is not None:
+        raise OptionError(f"--rate {rate:g} is that of a film; say with --path where the camera goes, or leave it out")
     opened = open_edited_scene(scene)
     drawn = ~np.isin(opened.instance_ids, check_known_ids(hide, opened.table))
     shots = _list_shots(opened, out) if all_views else [(_choose_camera_and_time(opened, view, time), _check_png(out))]
@@ -82,10 +86,11 @@ def _render_film(scene: Path, path: Path, out: Path, settings: FilmSettings, hid
     """Draw the frames of a film; nothing is read of the scene where the film cannot be made."""
     keys = read_stored_path(path, read_project_view(path)) if is_project(path) else read_camera_path(path)
     film = CameraPath(keys)
-    check_film(film, settings, out)
+    check_film(film.end - film.start, settings, out)
     opened = open_edited_scene(scene)
     drawn = ~np.isin(opened.instance_ids, check_known_ids(hide, opened.table))
-    count = write_film(out, opened, film, settings, drawn)
+    with show_share(f"film of {film.end - film.start:.1f} s"):
+        count = write_film(out, opened, film, settings, drawn)
     print(f"{out}: {format_count(count, 'frame')}")
 
 

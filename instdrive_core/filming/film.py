@@ -18,6 +18,7 @@ from PIL import Image
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.extras import explain_missing_module
 from instdrive_core.files.atomic import open_atomically
+from instdrive_core.files.new_folder import fill_new_folder
 from instdrive_core.filming.camera_path import CameraPath
 from instdrive_core.progress import report
 from instdrive_core.rasterize.pictures import Mode, colorize_depth, colorize_preview, measure_depth_range
@@ -29,6 +30,8 @@ FILM_MODES: dict[Mode, str] = {"color": "Colour", "instance": "Instances", "dept
 CODECS = {".mp4": ("libx264", {"crf": "18"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
 """Encoder and its options by the ending of the video."""
 LARGEST, FASTEST, MOST_FRAMES = 8192, 240.0, 100_000
+_BT709, _LIMITED = 1, 1
+"""Numbers that H.273 gives the colours of high-definition video and their range from 16 to 235."""
 _OTHER_KIND = "Choose the other ending, or frames as PNG"
 _DEPTH_SAMPLES, _DEPTH_SIZE = 5, 160
 
@@ -46,20 +49,28 @@ class FilmSettings:
     mode: Mode = "color"
 
 
-def check_film(path: CameraPath, settings: FilmSettings, out: Path) -> int:
-    """Check that a film can be made, and count its frames. Raises OptionError that names what cannot be."""
+def check_film(seconds: float, settings: FilmSettings, out: Path) -> int:
+    """Check that a film of so many seconds can be made, and count its frames.
+
+    Raises OptionError that names what cannot be, MissingExtraError for a video without PyAV.
+    """
+    is_video = out.suffix.lower() in CODECS
+    if out.suffix and not is_video:
+        raise OptionError(f"{out} ends neither in .mp4 nor in .webm; frames as PNG need a folder's name without a dot")
     for name, side in (("width", settings.width), ("height", settings.height)):
         if not 1 <= side <= LARGEST:
             raise OptionError(f"the {name} is {side}; it must be from 1 to {LARGEST} pixels")
-        if side % 2 and out.suffix.lower() in CODECS:
+        if side % 2 and is_video:
             raise OptionError(f"the {name} is {side}; a video needs an even number of pixels. Choose {side + 1}")
     if not (math.isfinite(settings.rate) and 1 <= settings.rate <= FASTEST):
         raise OptionError(f"the rate is {settings.rate:g} frames per second; it must be from 1 to {FASTEST:g}")
     if settings.mode not in FILM_MODES:
         raise OptionError(f"a film cannot show {settings.mode!r}; choose {', '.join(FILM_MODES)}")
-    count = math.floor((path.end - path.start) * settings.rate + 1e-6) + 1
+    count = math.floor(seconds * settings.rate + 1e-6) + 1
     if count > MOST_FRAMES:
         raise OptionError(f"the film would have {count:,} frames; at most {MOST_FRAMES:,} are possible")
+    if is_video:
+        _load_av()
     return count
 
 
@@ -90,63 +101,56 @@ def write_film(
     Raises OptionError where it cannot be made so, DataError where it cannot be written, MissingExtraError for a video
     without PyAV.
     """
-    count = check_film(path, settings, out)
-    if out.suffix.lower() in CODECS:
+    count = check_film(path.end - path.start, settings, out)
+    frames = draw_film(scene, path, settings, count, drawn)
+    if out.suffix:
         with _open_video(out, settings) as add:
-            for frame in draw_film(scene, path, settings, count, drawn):
+            for frame in frames:
                 add(frame)
         return count
-    if out.suffix:
-        raise OptionError(f"{out} ends neither in .mp4 nor in .webm; frames as PNG need a folder's name without a dot")
-    if out.is_dir() and any(out.iterdir()):
-        raise DataError(out, "the folder is not empty, and frames of two films would mix", "Name a new folder")
-    _write_frames(out, draw_film(scene, path, settings, count, drawn))
+    with fill_new_folder(out) as folder:
+        for number, frame in enumerate(frames, 1):
+            Image.fromarray(frame).save(folder / f"frame_{number:05d}.png", compress_level=3)
     return count
 
 
-def _write_frames(folder: Path, frames: Iterator[Frame]) -> None:
-    written: list[Path] = []
-    is_new = not folder.exists()
+def _load_av() -> Any:
+    """Import PyAV. Raises MissingExtraError where it is not installed."""
     try:
-        for number, frame in enumerate(frames, 1):
-            name = folder / f"frame_{number:05d}.png"
-            with open_atomically(name) as file:
-                Image.fromarray(frame).save(file, format="PNG", compress_level=3)
-            written.append(name)
-    except BaseException:
-        for name in written:
-            name.unlink(missing_ok=True)
-        if is_new and folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
-        raise
+        import av
+    except ModuleNotFoundError as error:
+        raise explain_missing_module(error) or error from error
+    return av
 
 
 @contextmanager
 def _open_video(out: Path, settings: FilmSettings) -> Iterator[Callable[[Frame], None]]:
-    """Open a video and give what adds a frame to it; the file is there when the block ends without an error."""
-    try:
-        import av
-        from av.error import FFmpegError
-    except ModuleNotFoundError as error:
-        raise explain_missing_module(error) or error from error
+    """Open a video and give what adds a frame to it; the file is there when the block ends without an error.
+
+    Colours are converted and marked as BT.709: players take those of a large video without a mark for that.
+    """
+    av = _load_av()
     codec, options = CODECS[out.suffix.lower()]
     with open_atomically(out) as file:
         try:
             with av.open(file, "w", format=out.suffix.lower()[1:]) as container:
                 try:
-                    stream: Any = container.add_stream(codec, rate=Fraction(settings.rate).limit_denominator(1001))
+                    stream = container.add_stream(codec, rate=Fraction(settings.rate).limit_denominator(1001))
                 except ValueError as error:  # this build of PyAV lacks the encoder
                     raise DataError(out, f"the video cannot be encoded ({error})", _OTHER_KIND) from error
                 stream.width, stream.height, stream.pix_fmt = settings.width, settings.height, "yuv420p"
                 stream.options = options
+                coder = stream.codec_context
+                coder.colorspace, coder.color_primaries, coder.color_trc, coder.color_range = (*[_BT709] * 3, _LIMITED)
 
                 def add(frame: Frame) -> None:
                     picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
+                    picture = picture.reformat(format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
                     container.mux(stream.encode(picture))
 
                 yield add
                 container.mux(stream.encode())
-        except FFmpegError as error:
+        except av.error.FFmpegError as error:
             raise DataError(out, f"the video cannot be encoded ({error})", _OTHER_KIND) from error
 
 

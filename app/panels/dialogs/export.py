@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 from imgui_bundle import imgui
@@ -13,8 +14,10 @@ from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, WITH_TRACKS, WRITTEN, ExportChoice, What
-from instdrive_core.filming.film import CODECS, FILM_MODES, LARGEST, FilmSettings
+from instdrive_core.errors import InstDriveError
+from instdrive_core.filming.film import CODECS, FILM_MODES, LARGEST, FilmSettings, check_film
 from instdrive_core.formats.registry import FORMATS
+from instdrive_core.wording import format_count
 
 """What is exported at first, by the purpose that the dialog is opened for."""
 _TITLES = {fmt.suffix: fmt.title for fmt in FORMATS}
@@ -47,7 +50,8 @@ class ExportOptions:
         """The purpose that accepts the paths that fit the present choice."""
         kind = session.export.kind
         refusal = "" if session.export.amounts.get(session.export.choice.what) else kind.missing
-        return replace(PURPOSES["export"], suffixes=kind.endings, folders=kind.takes_folder, refusal=refusal)
+        purpose = replace(PURPOSES["export"], suffixes=kind.endings, refusal=refusal)
+        return replace(purpose, folders=kind.takes_folder, fills=kind.filled_folder)
 
     def draw(self, ui: Ui, path: str) -> str:
         """Draw one frame; returns the path, renamed where the choice needs another ending."""
@@ -63,7 +67,7 @@ class ExportOptions:
         _draw_label("As")
         path = self._draw_format(ui, path)
         _draw_label("")
-        draw_dim_text(_describe_choice(ui.session, find_ending(path)))
+        draw_dim_text(_describe_choice(ui.session, path))
         return path
 
     def _draw_format(self, ui: Ui, path: str) -> str:
@@ -121,9 +125,9 @@ def _draw_scene_switches(ui: Ui, choice: ExportChoice, ending: str) -> ExportCho
     return choice
 
 
-def _describe_choice(session: EditorSession, ending: str) -> str:
+def _describe_choice(session: EditorSession, path: str) -> str:
     """Explain what the present choice means for time and instances."""
-    choice, document = session.export.choice, session.document
+    choice, document, ending = session.export.choice, session.document, find_ending(path)
     has_actors = document is not None and bool(document.scene.actors)
     standing = f"Moving objects stay where they are at {session.state.time:.2f} s. " if has_actors else ""
     match choice.what:
@@ -144,12 +148,24 @@ def _describe_choice(session: EditorSession, ending: str) -> str:
         case "cameras":
             return "One folder per camera; hidden splats are left out."
         case "film":
-            film = session.export.choice.film
-            size = f"{film.width} × {film.height} pixels, {film.rate:g} frames per second"
-            return "The path's keys, for instdrive render --path." if ending == ".json" else f"{size}."
+            return _describe_film(session, path)
         case "view":
             lens, scale = session.state.viewpoint.lens, choice.scale
             return f"{lens.width * scale:.0f} × {lens.height * scale:.0f} pixels; hidden splats are left out."
+
+
+def _describe_film(session: EditorSession, path: str) -> str:
+    """Say what the film will be, or why it cannot be made."""
+    keys, film = session.state.path_keys, session.export.choice.film
+    if find_ending(path) == ".json":
+        return "The path's keys, for instdrive render --path."
+    try:
+        count = check_film(keys[-1].at - keys[0].at if keys else 0.0, film, Path(path))
+    except InstDriveError as error:
+        problem = str(error)
+        return f"{problem[:1].upper()}{problem[1:]}"
+    exact = "IDs can be read back from PNG only. " if find_ending(path) and film.mode == "instance" else ""
+    return f"{format_count(count, 'frame')}. {exact}Hidden splats are left out."
 
 
 def _draw_film_rows(ui: Ui, path: str) -> str:
@@ -158,7 +174,8 @@ def _draw_film_rows(ui: Ui, path: str) -> str:
     film, height = exporting.choice.film, imgui.get_font_size()
     path = replace_ending(path, _draw_combo(ui, "format", _FILM_FILES, find_ending(path), 9.0))
     imgui.same_line()
-    mode = _draw_combo(ui, "film.mode", tuple(FILM_MODES.items()), film.mode, 7.0)
+    chosen = _draw_combo(ui, "film.mode", tuple(FILM_MODES.items()), film.mode, 7.0)
+    mode = {str(name): name for name in FILM_MODES}[chosen]
     imgui.same_line()
     imgui.set_next_item_width(8.0 * height)
     size = imgui.input_int2("##size", [film.width, film.height])[1]
@@ -172,9 +189,8 @@ def _draw_film_rows(ui: Ui, path: str) -> str:
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         imgui.set_tooltip("Frames per second")
     rate = rate if math.isfinite(rate) else film.rate
-    exporting.choice = replace(
-        exporting.choice, film=FilmSettings(_keep_size(size[0]), _keep_size(size[1]), rate, mode)
-    )
+    settings = FilmSettings(_keep_size(size[0]), _keep_size(size[1]), rate, mode)
+    exporting.choice = replace(exporting.choice, film=settings)
     return path
 
 
