@@ -12,9 +12,13 @@ from instdrive_core.cli.render import place_orbit_camera
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
+from instdrive_core.filming.camera_path import CameraKey
+from instdrive_core.filming.path_file import FIELD, read_camera_path, store_camera_keys, write_camera_path
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.colormap import ids_from_colors
 from instdrive_core.instances.table import build_instance_table
+from instdrive_core.project.open import open_document
+from instdrive_core.project.save import save_project
 from instdrive_core.rasterize.pictures import colorize_depth
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 
@@ -37,8 +41,8 @@ def run(tmp_path, scene):
 @pytest.fixture
 def keys(tmp_path, scene):
     """A file with a camera path of half a second."""
-    cameras = [view.camera for view in scene.views[:2]]
-    write_camera_path(tmp_path / "keys.json", [CameraKey(at, 0.0, camera) for at, camera in zip((0.0, 0.5), cameras)])
+    keys = [CameraKey(at, 0.0, view.camera) for at, view in zip((0.0, 0.5), scene.views[:2], strict=True)]
+    write_camera_path(tmp_path / "keys.json", keys)
     return tmp_path / "keys.json"
 
 
@@ -197,12 +201,10 @@ def test_a_path_is_filmed_frame_by_frame(run, keys, tmp_path, capsys, mode):
     assert not np.array_equal(pixels(frames[0]), pixels(frames[2]))
 
 
-def test_a_project_is_filmed_along_its_own_path(scene, keys, tmp_path):
-    save_scene(tmp_path / "scene.ply", scene)
-    document, _ = open_edited_document(tmp_path / "scene.ply")
+def test_a_project_is_filmed_along_its_own_path(run, keys, tmp_path):
     stored = {FIELD: store_camera_keys(read_camera_path(keys))}
     project = tmp_path / "drive.instdrive"
-    write_project(project, capture_project_state(document, stored))
+    save_project(project, open_document(run)[0], stored)
     command = ["render", str(project), "--path", str(project), "--rate", "2", "--width", "32", "--height", "20"]
     assert main([*command, "-o", str(tmp_path / "film")]) == 0
     assert len(list((tmp_path / "film").iterdir())) == 2

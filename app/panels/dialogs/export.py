@@ -17,6 +17,7 @@ from instdrive_app.session.export_kinds import KINDS, WITH_TRACKS, WRITTEN, Expo
 from instdrive_core.errors import InstDriveError
 from instdrive_core.filming.film import CODECS, FILM_MODES, LARGEST, FilmSettings, check_film
 from instdrive_core.formats.registry import FORMATS
+from instdrive_core.rasterize.pictures import Mode
 from instdrive_core.wording import format_count
 
 """What is exported at first, by the purpose that the dialog is opened for."""
@@ -175,7 +176,7 @@ def _draw_film_rows(ui: Ui, path: str) -> str:
     path = replace_ending(path, _draw_combo(ui, "format", _FILM_FILES, find_ending(path), 9.0))
     imgui.same_line()
     chosen = _draw_combo(ui, "film.mode", tuple(FILM_MODES.items()), film.mode, 7.0)
-    mode = {str(name): name for name in FILM_MODES}[chosen]
+    modes: dict[str, Mode] = {name: name for name in FILM_MODES}
     imgui.same_line()
     imgui.set_next_item_width(8.0 * height)
     size = imgui.input_int2("##size", [film.width, film.height])[1]
@@ -189,7 +190,7 @@ def _draw_film_rows(ui: Ui, path: str) -> str:
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         imgui.set_tooltip("Frames per second")
     rate = rate if math.isfinite(rate) else film.rate
-    settings = FilmSettings(_keep_size(size[0]), _keep_size(size[1]), rate, mode)
+    settings = FilmSettings(_keep_size(size[0]), _keep_size(size[1]), rate, modes[chosen])
     exporting.choice = replace(exporting.choice, film=settings)
     return path
 
