@@ -59,7 +59,7 @@ def build_runner_parameters(
 def _keep_drags_for_widgets(parameters: hello_imgui.RunnerParams) -> None:
     """Keep presses from scrolling panels as fingers do: the mouse counts as touching (`_configure_imgui`).
 
-    Else a press in a panel that can be scrolled would reach its widgets as a click, once it is over, and never as a drag.
+    Else a press in a panel that can be scrolled would reach its widgets as a click, once over, and never as a drag.
     """
     if hasattr(parameters, "touch_scroll_mode"):  # since 1.93 of imgui-bundle
         parameters.touch_scroll_mode = hello_imgui.TouchScrollMode.disabled
