@@ -11,8 +11,8 @@ from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_tex
 from instdrive_app.session.showing.path_controller import PathController
 from instdrive_core.wording import format_count
 
-HEIGHT, KEY = 34.0, 7.0
-"""Height of the strip, and half the width of a key; pixels at scale 1."""
+HEIGHT, LEAST_HEIGHT, KEY = 34.0, 27.0, 6.0
+"""Height of the strip, with more room and with less, and half the width of a key; pixels at scale 1."""
 SHORTEST, ROOM, MUCH_ROOM = 10.0, 1.25, 6.0
 """Seconds that the strip shows at least, and how much more than the path it shows at first and at most."""
 _STEPS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 300.0)
@@ -52,7 +52,8 @@ class CameraPathPanel:
 
     def _draw_strip(self, ui: Ui) -> None:
         path, at = ui.session.camera_path, imgui.get_cursor_screen_pos()
-        width, height = max(imgui.get_content_region_avail().x, 1.0), scale_pixels(HEIGHT)
+        room = imgui.get_content_region_avail()
+        width, height = max(room.x, 1.0), max(min(room.y, scale_pixels(HEIGHT)), scale_pixels(LEAST_HEIGHT))
         imgui.invisible_button("##strip", ImVec2(width, height))
         ui.mark("path.strip")
         edge = scale_pixels(KEY + 2)
@@ -60,7 +61,7 @@ class CameraPathPanel:
         if not (active or is_released) and not path.end <= self._span <= max(SHORTEST, MUCH_ROOM * path.end):
             self._span = max(SHORTEST, path.end * ROOM)
         per_second = max(width - 2 * edge, 1.0) / self._span
-        middle, left = at.y + height * 0.68, at.x + edge
+        middle, left = at.y + height - edge, at.x + edge
         if imgui.is_item_activated():
             self._press(path, left, per_second)
         if active or is_released:

@@ -165,8 +165,10 @@ def _describe_film(session: EditorSession, path: str) -> str:
     except InstDriveError as error:
         problem = str(error)
         return f"{problem[:1].upper()}{problem[1:]}"
-    exact = "IDs can be read back from PNG only. " if find_ending(path) and film.mode == "instance" else ""
-    return f"{format_count(count, 'frame')}. {exact}Hidden splats are left out."
+    note = "Hidden splats are left out."
+    if find_ending(path) and film.mode == "instance":
+        note = "IDs can be read back from PNG only."
+    return f"{format_count(count, 'frame')} of {film.width} × {film.height} pixels, {film.rate:g} per second. {note}"
 
 
 def _draw_film_rows(ui: Ui, path: str) -> str:
