@@ -20,7 +20,7 @@ FIELD = "camera_path"
 """Field of the file, and of a project's view, that lists the keys."""
 MOST_KEYS = 1000
 _LENS = ("fx", "fy", "cx", "cy", "width", "height")
-_REMEDY = "Save the path again with File › Export › Camera path"
+_REMEDY = "In the editor, export the film along the camera path again, as .json"
 
 
 def store_camera_keys(keys: Sequence[CameraKey]) -> list[dict[str, Any]]:
