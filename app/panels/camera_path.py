@@ -109,7 +109,7 @@ class CameraPathPanel:
             color = pack_color(ACCENT if index == path.chosen else TEXT)
             draw.add_ngon_filled(ImVec2(x, middle), size + scale_pixels(1.5), pack_color(BACKGROUND), 4)
             draw.add_ngon_filled(ImVec2(x, middle), size, color, 4)
-            ui.marks[f"path.key.{index}"] = (x - size, middle - size, x + size, middle + size)
+            ui.marks[f"path.strip.{index}"] = (x - size, middle - size, x + size, middle + size)
 
 
 def _draw_ruler(left: float, top: float, middle: float, span: float, per_second: float) -> None:

@@ -30,7 +30,7 @@ ALWAYS_IN_VIEW = {
     "dialog export": ("dialog.path", "dialog.accept", "dialog.cancel"),
     "dialog about": ("about.copy", "dialog.cancel"),
     "dialog film": ("export.film.size", "export.film.rate", "dialog.accept"),
-    "camera path": ("path.film", "path.strip", "path.key.2"),
+    "camera path": ("path.film", "path.strip", "path.strip.2"),
     "menu Help": ("menu help.log",),
 }
 

@@ -44,11 +44,11 @@ def test_a_path_is_made_played_filmed_and_kept(street_folder, tmp_path):
         window.key("shift+k")
         window.wait_for(lambda state: state["path_keys"] == [0.0, 2.0], "the second key")
 
-        window.click_widget("path.key.0")
+        window.click_widget("path.strip.0")
         window.wait_for(lambda state: is_near(state, start), "the first key's view")
-        left, top, right, bottom = window.wait_for_rect("path.key.1")
+        left, top, right, bottom = window.wait_for_rect("path.strip.1")
         x, y = (left + right) / 2, (top + bottom) / 2
-        first = window.wait_for_widget("path.key.0")[0]
+        first = window.wait_for_widget("path.strip.0")[0]
         window.drag((x, y), ((first + x) / 2, y))
         moved = window.wait_for(lambda state: 0.9 < state["path_keys"][1] < 1.1, "the second key at one second")
         assert is_near(moved, above)
@@ -56,7 +56,7 @@ def test_a_path_is_made_played_filmed_and_kept(street_folder, tmp_path):
         window.wait_for(lambda state: state["path_keys"] == [0.0, 2.0], "Ctrl+Z to undo the drag as one step")
         window.key("ctrl+y")
         window.wait_for(lambda state: state["path_keys"] == moved["path_keys"], "Ctrl+Y to do it again")
-        window.click_widget("path.key.0")
+        window.click_widget("path.strip.0")
         window.wait_for(lambda state: is_near(state, start), "the first key's view again")
         window.key("shift+space")
         between = [state for state in window.states() if state["open"] and state["camera"]]
