@@ -84,6 +84,8 @@ class Tour:
 
     def _views(self) -> Iterator[None]:
         session, state = self._session, self._session.state
+        if self._wanted("camera path"):
+            yield from self._film()
         for mode in (ViewMode.DEPTH, ViewMode.INSTANCE, ViewMode.CODEWORD):
             state.view_mode = mode
             yield from self._look(f"{mode.value.lower()} view")
@@ -101,8 +103,6 @@ class Tour:
         self._window.ui.script_pointer = ((middle[2] - middle[0]) / 2, (middle[3] - middle[1]) / 2)
         yield from self._look("hover")
         self._window.ui.script_pointer = None
-        if self._wanted("camera path"):
-            yield from self._film()
 
     def _film(self) -> Iterator[None]:
         session = self._session
@@ -114,6 +114,7 @@ class Tour:
         session.requests.put(ShowPanel("Camera path"))
         yield from self._look("camera path", frames=8)
         self._front("Timeline")
+        session.navigation.look_from_start()
 
     def _dialogs(self) -> Iterator[None]:
         session, ids = self._session, self._cars()
