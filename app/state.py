@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from instdrive_core.filming.camera_path import CameraKey
 from instdrive_core.scene.camera import Camera, look_at
 
 DEFAULT_ID_OPACITY = 0.3
@@ -137,6 +138,8 @@ class EditorState:
     """What lies behind each other where the user has clicked again; None unless that is listed."""
     picture_size: tuple[int, int] = (1280, 720)
     """Width and height, in pixels, at which the view is shown."""
+    path_keys: tuple[CameraKey, ...] = ()
+    """Keys of the camera's path, in the film's order."""
     cut_out_screenshots: bool = False
     """Whether screenshots are see-through where no splat is."""
     tool: str = "pick"

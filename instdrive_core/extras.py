@@ -5,6 +5,7 @@ from __future__ import annotations
 from instdrive_core.errors import InstDriveError
 
 EXTRAS = {
+    "av": "video",
     "cv2": "train",
     "embreex": "train",
     "gsplat": "cuda",

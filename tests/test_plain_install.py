@@ -102,7 +102,16 @@ def finish(environment, *command):
 def test_extras_are_those_of_the_project():
     declared = {
         IMPORT_NAMES.get(requirement.name, requirement.name): extra
-        for extra in ("capture", "train", "cuda", "sam", "datasets", "usd", "clouds")  # the later of two is named
+        for extra in (
+            "capture",
+            "train",
+            "cuda",
+            "sam",
+            "datasets",
+            "usd",
+            "clouds",
+            "video",
+        )  # the later of two is named
         for requirement in map(Requirement, PROJECT["optional-dependencies"][extra])
         if requirement.name != "instdrive"
     }

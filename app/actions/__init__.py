@@ -11,6 +11,7 @@ from collections.abc import Callable
 from instdrive_app.action import Action
 from instdrive_app.actions import (
     aids,
+    camera_path,
     deletion_review,
     edit,
     file,
@@ -26,7 +27,21 @@ from instdrive_app.actions import (
 )
 from instdrive_app.session.editor_session import EditorSession
 
-TOPICS = (file, edit, select, labels, tools, aids, move, view, pictures, deletion_review, reference, time_steps)
+TOPICS = (
+    file,
+    edit,
+    select,
+    labels,
+    tools,
+    aids,
+    move,
+    view,
+    pictures,
+    deletion_review,
+    reference,
+    time_steps,
+    camera_path,
+)
 
 
 def register_actions(session: EditorSession, *more: Callable[[EditorSession], list[Action]]) -> None:

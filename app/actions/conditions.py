@@ -63,8 +63,8 @@ def _list_traces(session: EditorSession) -> tuple[object, ...]:
     """What an action leaves that edits, asks, says or begins something."""
     history = session.document.history if session.document is not None else None
     steps = (len(history.edits), history.cursor, id(history.edits[-1]) if history.edits else 0) if history else ()
-    log = session.messages.log
-    return steps, session.requests.waiting, session.jobs.current, id(log[-1]) if log else 0
+    log, path = session.messages.log, id(session.state.path_keys)
+    return steps, path, session.requests.waiting, session.jobs.current, id(log[-1]) if log else 0
 
 
 def put_request(session: EditorSession, request: Request) -> Callable[[], None]:

@@ -17,14 +17,16 @@ def _list_history(session: EditorSession) -> list[Action]:
     def can_step(back: bool) -> bool:
         if session.document is None:
             return False
-        history = session.document.history
-        return history.cursor > 0 if back else history.cursor < len(history.edits)
+        history, path = session.document.history, session.camera_path
+        if back:
+            return history.cursor > 0 or path.can_undo()
+        return history.cursor < len(history.edits) or path.can_redo()
 
     return [
         Action(
             "edit.undo",
             "Undo",
-            session.history.undo,
+            session.undo,
             "Edit",
             ("Ctrl+Z",),
             enabled=lambda: can_step(back=True),
@@ -34,7 +36,7 @@ def _list_history(session: EditorSession) -> list[Action]:
         Action(
             "edit.redo",
             "Redo",
-            session.history.redo,
+            session.redo,
             "Edit",
             ("Ctrl+Shift+Z", "Ctrl+Y"),
             enabled=lambda: can_step(back=False),

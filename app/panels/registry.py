@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from instdrive_app.panels.camera_path import CameraPathPanel
 from instdrive_app.panels.filter import FilterPanel
 from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector.panel import InspectorPanel
@@ -55,5 +56,6 @@ PANELS = (
     PanelRecord("Views", "ICON_FA_BOOKMARK", "RightBottom", ViewsPanel, shown=False),
     PanelRecord("Training", "ICON_FA_CHART_LINE", "RightBottom", TrainingPanel, shown=False),
     PanelRecord("Runs", "ICON_FA_SCALE_BALANCED", "RightBottom", RunsPanel, shown=False),
+    PanelRecord("Camera path", "ICON_FA_CLAPPERBOARD", "Bottom", CameraPathPanel, shown=False),
 )
 """The panels, in the order of their tabs."""

@@ -28,12 +28,14 @@ from instdrive_app.session.navigation import Navigation
 from instdrive_app.session.reference_pictures import ReferencePictures
 from instdrive_app.session.requests import OfferCleanup, RequestQueue, do_nothing
 from instdrive_app.session.selection_controller import SelectionController
+from instdrive_app.session.showing.path_controller import PathController
 from instdrive_app.session.turn_controller import TurnController
 from instdrive_app.session.value_filter import ValueFilter
 from instdrive_app.session.view_memory import restore_view
 from instdrive_app.session.visibility_controller import VisibilityController
 from instdrive_app.state import EditorState
 from instdrive_core.edits.document.document import Document
+from instdrive_core.filming.path_file import FIELD
 from instdrive_core.formats.registry import find_stated_up
 from instdrive_core.scene.lint import HARMFUL
 from instdrive_core.scene.transforms import Similarity
@@ -58,12 +60,13 @@ class EditorSession:
         context = SessionContext(self.state, self.history, self.jobs, self.messages, self.requests, self.wake)
 
         self.aids = Aids(context)
-        self.files = DocumentFiles(context, self._enter, self._store_more, lambda: self.aids.bookmarks.version)
+        self.files = DocumentFiles(context, self._enter, self._store_more, self._get_more_version)
         self.making = JobController(context, self.files)
         self.comparison = RunComparison(context, self.making.known, self.files.recents)
         self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)
         self.navigation = Navigation(context)
+        self.camera_path = PathController(context, self.navigation)
         self.references = ReferencePictures(self.messages.error, self.wake)
 
         self.selection = SelectionController(context)
@@ -89,6 +92,7 @@ class EditorSession:
         document.can_defer_bounds = True
         self.history.enter(document)
         self.aids.forget()
+        self.camera_path.forget()
         self.files.enter(document, path, saved)
         self.state.hovered = 0
         self.references.forget()
@@ -108,6 +112,7 @@ class EditorSession:
             restore_view(opened.view, self.state, self.navigation, len(opened.document.scene.views))
             self.navigation.keep_start()
             self.aids.bookmarks.restore(opened.view.get("bookmarks"))
+            self.camera_path.restore(opened.view.get(FIELD))
         for note in opened.notes:
             self.messages.info(note)
         if opened.document.history.done:
@@ -119,12 +124,31 @@ class EditorSession:
 
     def _store_more(self) -> dict[str, Any]:
         """What a project keeps beside edits and view."""
-        return {"pending": self.deletion.review.store(), "bookmarks": self.aids.bookmarks.store()}
+        return {
+            "pending": self.deletion.review.store(),
+            "bookmarks": self.aids.bookmarks.store(),
+            FIELD: self.camera_path.store(),
+        }
+
+    def _get_more_version(self) -> int:
+        """Rises with every change of that by the user."""
+        return self.aids.bookmarks.version + self.camera_path.version
 
     def _follow_turn(self, change: Similarity) -> None:
         """Take along what knows places, after the whole scene was transformed by [s R | t]."""
         self.deletion.review.clear_all()
         self.aids.follow_scene(change)
+        self.camera_path.follow_scene(change)
+
+    def undo(self) -> None:
+        """Undo one step: of the camera path where that was changed last, else of the scene."""
+        if self.jobs.is_blocking or self.history.is_jumping or not self.camera_path.undo():
+            self.history.undo()
+
+    def redo(self) -> None:
+        """Redo one step: of the camera path where that was undone last, else of the scene."""
+        if self.jobs.is_blocking or self.history.is_jumping or not self.camera_path.redo():
+            self.history.redo()
 
     def wake(self) -> None:
         """Make the window draw a frame; can be called from any thread."""
@@ -142,6 +166,7 @@ class EditorSession:
         self.orientation.tick()
         self._deferred_bounds.tick()
         self.navigation.tick(seconds)
+        self.camera_path.tick(seconds)
         self.deletion.review.tick(seconds, self.movement.drag is not None)
         self.state.is_solo = bool(self.visibility.solo.ids)
 

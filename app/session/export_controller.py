@@ -11,6 +11,7 @@ from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, 
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_core.project.export import make_file_name
 from instdrive_core.project.sources import is_source
+from instdrive_core.wording import format_count
 
 
 class ExportController:
@@ -33,6 +34,8 @@ class ExportController:
         document = self._context.document
         # Once, since counting a million splats takes longer than a frame; nothing changes while the dialog is open.
         self.amounts = {name: kind.amount(document) for name, kind in KINDS.items()} if document is not None else {}
+        keys = self._context.state.path_keys
+        self.amounts["film"] = f"{format_count(len(keys), 'key')}, {keys[-1].at - keys[0].at:.1f} s" if keys else ""
 
     def propose_path(self) -> Path:
         """Propose a path for the choice, in the folder of the last export or of the scene."""

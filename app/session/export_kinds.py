@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +15,9 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.scene_parts import find_remaining_actors, find_selected_actors, find_selected_rows
 from instdrive_core.errors import OptionError
+from instdrive_core.filming.camera_path import CameraKey, CameraPath
+from instdrive_core.filming.film import CODECS, FilmSettings, check_film, write_film
+from instdrive_core.filming.path_file import write_camera_path
 from instdrive_core.formats.objects.writers import SUFFIXES, write_objects
 from instdrive_core.formats.registry import FORMATS, find_format_to_write
 from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic
@@ -27,7 +31,7 @@ from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 
-What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view"]
+What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view", "film"]
 WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix.startswith(".") and fmt.write is not None)
 """Endings of scene files; names that folders are known by are none."""
 WITH_TRACKS = tuple(fmt.suffix for fmt in FORMATS if fmt.keeps_tracks)
@@ -61,6 +65,8 @@ class ExportChoice:
     """Whether masks are written in COCO's panoptic format instead of plain pictures."""
     scale: float = 1.0
     """Size of pictures relative to the cameras' films."""
+    film: FilmSettings = field(default_factory=FilmSettings)
+    """Size, rate and look of a film."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +81,14 @@ class ExportRequest:
     viewpoint: Viewpoint
     view_mode: ViewMode
     show_sky: bool
+    path_keys: tuple[CameraKey, ...] = ()
 
     @classmethod
     def capture(cls, document: Document, path: Path, choice: ExportChoice, state: EditorState) -> ExportRequest:
         """Capture the time and view shown now."""
-        return cls(document, path, choice, state.time, state.viewpoint, state.view_mode, state.draws_sky)
+        return cls(
+            document, path, choice, state.time, state.viewpoint, state.view_mode, state.draws_sky, state.path_keys
+        )
 
 
 @dataclass(frozen=True)
@@ -99,11 +108,13 @@ class ExportKind:
     """Says how much there is to export; empty for nothing."""
     missing: str = ""
     """What the user reads where there is nothing to export."""
+    filled_folder: bool = False
+    """Whether the path can also be that of a new folder, which is filled with files."""
 
     @property
     def takes_folder(self) -> bool:
         """Whether the path can be a folder's."""
-        return self.scene_folder or not self.endings
+        return self.scene_folder or self.filled_folder or not self.endings
 
 
 def choose_instances(document: Document) -> tuple[int, ...]:
@@ -195,6 +206,18 @@ def _write_view(request: ExportRequest) -> str:
     with report_span(_BAKING, 1.0):
         _save_picture(request.path, scene, camera, request.time, request)
     return f"Exported the picture to {request.path}"
+
+
+def _write_film(request: ExportRequest) -> str:
+    if request.path.suffix.lower() == ".json":
+        write_camera_path(request.path, request.path_keys)
+        return f"Exported the {format_count(len(request.path_keys), 'key')} of the camera path to {request.path}"
+    path, film = CameraPath(request.path_keys), request.choice.film
+    check_film(path.end - path.start, film, request.path)
+    scene = _bake_shown_scene(request)
+    with report_span(_BAKING, 1.0):
+        count = write_film(request.path, scene, path, film)
+    return f"Exported a film of {format_count(count, 'frame')} to {request.path}"
 
 
 def _bake_shown_scene(request: ExportRequest) -> Scene:
@@ -296,5 +319,14 @@ KINDS: dict[What, ExportKind] = {
         missing=_NO_CAMERAS,
     ),
     "view": ExportKind("Picture of this view", _write_view, (".png",), suggestion="_view.png", amount=_count_splats),
+    "film": ExportKind(
+        "Film along the camera path",
+        _write_film,
+        (*CODECS, ".json"),
+        filled_folder=True,
+        suggestion="_film.mp4" if find_spec("av") else "_film",
+        amount=_count_splats,
+        missing="The camera path has no keys; add views to it with Shift+K",
+    ),
 }
 """Kinds in the order of the dialog."""

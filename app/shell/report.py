@@ -60,6 +60,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         "box": session.aids.box.box and [*session.aids.box.box.center.tolist(), *session.aids.box.box.size.tolist()],
         "measured": session.aids.ruler.describe(),
         "bookmarks": [kept.name for kept in session.aids.bookmarks.kept],
+        "path_keys": [key.at for key in session.camera_path.keys],
         "selected": list(session.selection.ids),
         "selected_splats": int(np.count_nonzero(document.state.find_mask(Flag.SELECTED))),
         "visible": list(document.find_visible_instances()),

@@ -219,7 +219,12 @@ class EditorWindow:
     def _is_waiting(self) -> bool:
         """Whether the picture will change soon without an event: progress, the playing drive, a sharper picture."""
         session = self._session
-        busy = session.jobs.current is not None or session.navigation.playing or session.references.is_reading
+        busy = (
+            session.jobs.current is not None
+            or session.navigation.playing
+            or session.camera_path.playing
+            or session.references.is_reading
+        )
         busy = busy or session.history.is_jumping
         return busy or not self.ui.view.settled
 

@@ -52,7 +52,18 @@ def build_runner_parameters(
     parameters.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
     parameters.ini_filename = "instdrive/window.ini"
     parameters.ini_disable = not options.remember_layout
+    _keep_drags_for_widgets(parameters)
     return parameters
+
+
+def _keep_drags_for_widgets(parameters: hello_imgui.RunnerParams) -> None:
+    """Keep presses from scrolling panels as fingers do: the mouse counts as touching (`_configure_imgui`).
+
+    Else a press in a panel that can be scrolled would reach its widgets as a click, once over, and never as a drag.
+    """
+    if hasattr(parameters, "touch_scroll_mode"):  # since 1.93 of imgui-bundle
+        parameters.touch_scroll_mode = hello_imgui.TouchScrollMode.disabled
+        parameters.touch_long_press_is_right_click = parameters.touch_thin_scrollbars = False
 
 
 def _build_docking(size: tuple[int, int], windows: Sequence[hello_imgui.DockableWindow]) -> hello_imgui.DockingParams:

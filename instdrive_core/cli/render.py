@@ -13,13 +13,19 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.cli.arguments import check_known_ids, choose_time, find_named_view
+from instdrive_core.cli.share_progress import show_share
 from instdrive_core.errors import OptionError
 from instdrive_core.files.atomic import open_atomically
-from instdrive_core.project.open import open_edited_scene
+from instdrive_core.filming.camera_path import CameraPath
+from instdrive_core.filming.film import FilmSettings, check_film, write_film
+from instdrive_core.filming.path_file import read_camera_path, read_stored_path
+from instdrive_core.project.open import open_edited_scene, read_project_view
+from instdrive_core.project.save import is_project
 from instdrive_core.rasterize.pictures import Mode, colorize_preview
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.scene import Scene, place_in_world
+from instdrive_core.wording import format_count
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 1280, 720
 MAX_SIDE = 16384
@@ -31,6 +37,8 @@ def render_pictures(
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
     view: str | None = None,
     all_views: bool = False,
+    path: Path | None = None,
+    rate: float | None = None,
     mode: Mode = "color",
     hide: tuple[int, ...] = (),
     time: float | None = None,
@@ -41,10 +49,13 @@ def render_pictures(
 
     Args:
         scene: Scene file, run folder, or project; of a project, what its edits made of the scene.
-        out: PNG file to write; with --all-views a folder, which gets CAMERA/NN.png.
+        out: PNG file to write; with --all-views a folder, which gets CAMERA/NN.png; with --path a .mp4 or .webm, or a
+            new folder, which gets frame_00001.png and so on.
         view: A photo's camera as CAMERA/INDEX, or `orbit` for one that sees the whole scene; default: the first photo's
             camera, or `orbit` where the scene has none.
         all_views: Draw the view of every photo.
+        path: Film along the camera path of this project, or of a .json that the editor exported.
+        rate: Frames per second of a film; default: 30.
         mode: `instance` and `codeword` pictures hold exact IDs: `instances.colormap.ids_from_colors` reads them back.
         hide: IDs of instances to leave out.
         time: Seconds into the drive at which moving objects are shown; default: the photo's.
@@ -53,6 +64,14 @@ def render_pictures(
     """
     if all_views and view is not None:
         raise OptionError(f"--all-views and --view {view} exclude each other; give one of them")
+    if path is not None:
+        if view is not None or all_views or time is not None:
+            raise OptionError("--path says where the camera is and when; leave out --view, --all-views and --time")
+        size = DEFAULT_WIDTH if width is None else width, DEFAULT_HEIGHT if height is None else height
+        _render_film(scene, path, out, FilmSettings(*size, 30.0 if rate is None else rate, mode), hide)
+        return
+    if rate is not None:
+        raise OptionError(f"--rate {rate:g} is that of a film; say with --path where the camera goes, or leave it out")
     opened = open_edited_scene(scene)
     drawn = ~np.isin(opened.instance_ids, check_known_ids(hide, opened.table))
     shots = _list_shots(opened, out) if all_views else [(_choose_camera_and_time(opened, view, time), _check_png(out))]
@@ -61,6 +80,18 @@ def render_pictures(
         shown = view_scene(opened, _resize_camera(camera, width, height), shown_at, drawn)
         _save_png(path, colorize_preview(opened, shown, mode))
         print(path)
+
+
+def _render_film(scene: Path, path: Path, out: Path, settings: FilmSettings, hide: tuple[int, ...]) -> None:
+    """Draw the frames of a film; nothing is read of the scene where the film cannot be made."""
+    keys = read_stored_path(path, read_project_view(path)) if is_project(path) else read_camera_path(path)
+    film = CameraPath(keys)
+    check_film(film.end - film.start, settings, out)
+    opened = open_edited_scene(scene)
+    drawn = ~np.isin(opened.instance_ids, check_known_ids(hide, opened.table))
+    with show_share(f"film of {film.end - film.start:.1f} s"):
+        count = write_film(out, opened, film, settings, drawn)
+    print(f"{out}: {format_count(count, 'frame')}")
 
 
 def place_orbit_camera(scene: Scene, time: float) -> Camera:

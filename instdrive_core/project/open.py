@@ -95,6 +95,12 @@ def open_project(path: str | Path, accept_changed: bool = False) -> OpenedProjec
     return OpenedProject(document, view, notes)
 
 
+def read_project_view(path: str | Path) -> dict[str, Any]:
+    """Read what a project keeps beside its edits, without opening its scene. Raises DataError for a damaged one."""
+    with open_project_archive(Path(path)) as archive:
+        return _read_view(archive) if VIEW in archive.names else {}
+
+
 def open_edited_scene(
     path: str | Path, keep_every: int = 1, time: float | None = None, data: Path | None = None
 ) -> Scene:

@@ -105,13 +105,27 @@ def _draw_rings(scene: Scene, camera: Camera, time: float) -> tuple[UInt8[ndarra
     return np.round(np.clip(picture, 0, 1) * 255).astype(np.uint8), there
 
 
-def colorize_depth(depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
-    """Draw depth in colours: near violet, far red, nothing black; the ramp spans 1 % to 99 % of the depths present."""
+def colorize_depth(
+    depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"], ramp: tuple[float, float] | None = None
+) -> UInt8[ndarray, "h w 3"]:
+    """Draw depth in colours: near violet, far red, nothing black.
+
+    `ramp` gives the depths (metres) of both ends; by default it spans 1 % to 99 % of the depths present.
+    """
     colors = np.zeros((*depth.shape, 3), np.uint8)
-    if there.any():
+    ramp = ramp or measure_depth_range(depth, there)
+    if ramp is not None:
+        near, far = np.log(ramp)
         logs = np.log(np.maximum(depth[there], 1e-6))
-        near, far = np.quantile(logs, [0.01, 0.99])
         places = np.clip((logs - near) / max(far - near, 1e-6), 0, 1) * (len(_RAMP) - 1)
         channels = [np.interp(places, np.arange(len(_RAMP)), _RAMP[:, channel]) for channel in range(3)]
         colors[there] = np.round(np.stack(channels, axis=-1))
     return colors
+
+
+def measure_depth_range(depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> tuple[float, float] | None:
+    """Measure the depths (metres) between which 98 % of those present lie; None where there are none."""
+    if not there.any():
+        return None
+    near, far = np.exp(np.quantile(np.log(np.maximum(depth[there], 1e-6)), [0.01, 0.99])).tolist()
+    return near, far

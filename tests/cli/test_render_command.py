@@ -12,9 +12,13 @@ from instdrive_core.cli.render import place_orbit_camera
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
+from instdrive_core.filming.camera_path import CameraKey
+from instdrive_core.filming.path_file import FIELD, read_camera_path, store_camera_keys, write_camera_path
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.colormap import ids_from_colors
 from instdrive_core.instances.table import build_instance_table
+from instdrive_core.project.open import open_document
+from instdrive_core.project.save import save_project
 from instdrive_core.rasterize.pictures import colorize_depth
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 
@@ -32,6 +36,14 @@ def scene():
 def run(tmp_path, scene):
     save_scene(tmp_path / "run", scene)
     return tmp_path / "run"
+
+
+@pytest.fixture
+def keys(tmp_path, scene):
+    """A file with a camera path of half a second."""
+    keys = [CameraKey(at, 0.0, view.camera) for at, view in zip((0.0, 0.5), scene.views[:2], strict=True)]
+    write_camera_path(tmp_path / "keys.json", keys)
+    return tmp_path / "keys.json"
 
 
 def pixels(path):
@@ -176,3 +188,40 @@ def test_exported_solid_instances_show_their_color(scene):
     assert covered.sum() > 200
     expected = shown.alpha[covered][:, None] * np.array([0.8, 0.4, 0.2])
     np.testing.assert_allclose(shown.color[covered], expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("mode", ["color", "instance", "depth"])
+def test_a_path_is_filmed_frame_by_frame(run, keys, tmp_path, capsys, mode):
+    command = ["render", str(run), "--path", str(keys), "--rate", "4", "--width", "64", "--height", "40"]
+    assert main([*command, "--mode", mode, "-o", str(tmp_path / "film")]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'film'}: 3 frames\n"
+    frames = sorted((tmp_path / "film").iterdir())
+    assert [frame.name for frame in frames] == ["frame_00001.png", "frame_00002.png", "frame_00003.png"]
+    assert pixels(frames[0]).shape == (40, 64, 3)
+    assert not np.array_equal(pixels(frames[0]), pixels(frames[2]))
+
+
+def test_a_project_is_filmed_along_its_own_path(run, keys, tmp_path):
+    stored = {FIELD: store_camera_keys(read_camera_path(keys))}
+    project = tmp_path / "drive.instdrive"
+    save_project(project, open_document(run)[0], stored)
+    command = ["render", str(project), "--path", str(project), "--rate", "2", "--width", "32", "--height", "20"]
+    assert main([*command, "-o", str(tmp_path / "film")]) == 0
+    assert len(list((tmp_path / "film").iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--rate", "24"], "--rate 24"),
+        (["--path", "KEYS", "--time", "0"], "leave out --view"),
+        (["--path", "KEYS", "--mode", "codeword"], "codeword"),
+        (["--path", "KEYS", "--width", "0"], "width is 0"),
+        (["--path", "gone.json"], "gone.json"),
+    ],
+)
+def test_films_that_cannot_be_made_are_told_of(run, keys, tmp_path, capsys, options, problem):
+    options = [str(keys) if option == "KEYS" else option for option in options]
+    assert main(["render", str(run), *options, "-o", str(tmp_path / "film")]) == 2
+    assert problem in capsys.readouterr().err
+    assert not (tmp_path / "film").exists()

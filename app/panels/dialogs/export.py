@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 from imgui_bundle import imgui
@@ -12,12 +14,22 @@ from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, WITH_TRACKS, WRITTEN, ExportChoice, What
+from instdrive_core.errors import InstDriveError
+from instdrive_core.filming.film import CODECS, FILM_MODES, LARGEST, FilmSettings, check_film
 from instdrive_core.formats.registry import FORMATS
+from instdrive_core.rasterize.pictures import Mode
+from instdrive_core.wording import format_count
 
 """What is exported at first, by the purpose that the dialog is opened for."""
 _TITLES = {fmt.suffix: fmt.title for fmt in FORMATS}
 _OBJECT_FILES = ((".json", "Boxes, and tracks of moving objects"), (".glb", "3D scene with one node per instance"))
 _MASK_FORMATS = ((False, "PNG: exact colours and labels"), (True, "COCO panoptic"))
+_FILM_FILES = (
+    (".mp4", ".mp4   H.264"),
+    (".webm", ".webm   VP9"),
+    ("", "PNG frames"),
+    (".json", ".json   Keys only"),
+)
 _SCALES = (1.0, 2.0, 4.0)
 _ENDINGS_WITH_IDS = (".ply", ".glb", ".gltf", *WITH_TRACKS)
 _LABEL_EM, _COMBO_EM = 4.2, 27.0
@@ -39,7 +51,8 @@ class ExportOptions:
         """The purpose that accepts the paths that fit the present choice."""
         kind = session.export.kind
         refusal = "" if session.export.amounts.get(session.export.choice.what) else kind.missing
-        return replace(PURPOSES["export"], suffixes=kind.endings, folders=kind.takes_folder, refusal=refusal)
+        purpose = replace(PURPOSES["export"], suffixes=kind.endings, refusal=refusal)
+        return replace(purpose, folders=kind.takes_folder, fills=kind.filled_folder)
 
     def draw(self, ui: Ui, path: str) -> str:
         """Draw one frame; returns the path, renamed where the choice needs another ending."""
@@ -55,7 +68,7 @@ class ExportOptions:
         _draw_label("As")
         path = self._draw_format(ui, path)
         _draw_label("")
-        draw_dim_text(_describe_choice(ui.session, find_ending(path)))
+        draw_dim_text(_describe_choice(ui.session, path))
         return path
 
     def _draw_format(self, ui: Ui, path: str) -> str:
@@ -80,6 +93,8 @@ class ExportOptions:
             case "masks":
                 coco = _draw_combo(ui, "format", _MASK_FORMATS, choice.coco)
                 exporting.choice = replace(choice, coco=coco, scale=_draw_scale(ui, choice))
+            case "film":
+                path = _draw_film_rows(ui, path)
             case "cameras" | "view":
                 imgui.align_text_to_frame_padding()
                 imgui.text(f".png   {ui.session.state.view_mode.value}, as in the view")
@@ -89,7 +104,7 @@ class ExportOptions:
 
 def find_ending(path: str) -> str:
     """Find the longest known file ending of a path; empty if it has none."""
-    known = (*WRITTEN, *(suffix for suffix, _ in _OBJECT_FILES), ".png")
+    known = (*WRITTEN, *(suffix for suffix, _ in _OBJECT_FILES), *CODECS, ".png")
     name = path.rpartition("/")[2].lower()
     return max((suffix for suffix in known if name.endswith(suffix)), key=len, default="")
 
@@ -111,9 +126,9 @@ def _draw_scene_switches(ui: Ui, choice: ExportChoice, ending: str) -> ExportCho
     return choice
 
 
-def _describe_choice(session: EditorSession, ending: str) -> str:
+def _describe_choice(session: EditorSession, path: str) -> str:
     """Explain what the present choice means for time and instances."""
-    choice, document = session.export.choice, session.document
+    choice, document, ending = session.export.choice, session.document, find_ending(path)
     has_actors = document is not None and bool(document.scene.actors)
     standing = f"Moving objects stay where they are at {session.state.time:.2f} s. " if has_actors else ""
     match choice.what:
@@ -133,9 +148,58 @@ def _describe_choice(session: EditorSession, ending: str) -> str:
             return "What a click would select, seen by each photo's camera."
         case "cameras":
             return "One folder per camera; hidden splats are left out."
+        case "film":
+            return _describe_film(session, path)
         case "view":
             lens, scale = session.state.viewpoint.lens, choice.scale
             return f"{lens.width * scale:.0f} × {lens.height * scale:.0f} pixels; hidden splats are left out."
+
+
+def _describe_film(session: EditorSession, path: str) -> str:
+    """Say what the film will be, or why it cannot be made."""
+    keys, film = session.state.path_keys, session.export.choice.film
+    if find_ending(path) == ".json":
+        return "The path's keys, for instdrive render --path."
+    try:
+        count = check_film(keys[-1].at - keys[0].at if keys else 0.0, film, Path(path))
+    except InstDriveError as error:
+        problem = str(error)
+        return f"{problem[:1].upper()}{problem[1:]}"
+    note = "Hidden splats are left out."
+    if find_ending(path) and film.mode == "instance":
+        note = "IDs can be read back from PNG only."
+    return f"{format_count(count, 'frame')} of {film.width} × {film.height} pixels, {film.rate:g} per second. {note}"
+
+
+def _draw_film_rows(ui: Ui, path: str) -> str:
+    """Draw what a film shows, its size and rate; returns the path, with the ending of the chosen kind of file."""
+    exporting = ui.session.export
+    film, height = exporting.choice.film, imgui.get_font_size()
+    path = replace_ending(path, _draw_combo(ui, "format", _FILM_FILES, find_ending(path), 9.0))
+    imgui.same_line()
+    chosen = _draw_combo(ui, "film.mode", tuple(FILM_MODES.items()), film.mode, 7.0)
+    modes: dict[str, Mode] = {name: name for name in FILM_MODES}
+    imgui.same_line()
+    imgui.set_next_item_width(8.0 * height)
+    size = imgui.input_int2("##size", [film.width, film.height])[1]
+    ui.mark("export.film.size")
+    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        imgui.set_tooltip("Width and height in pixels")
+    imgui.same_line()
+    imgui.set_next_item_width(4.0 * height)
+    rate = imgui.input_float("##rate", film.rate, format="%.4g")[1]
+    ui.mark("export.film.rate")
+    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        imgui.set_tooltip("Frames per second")
+    rate = rate if math.isfinite(rate) else film.rate
+    settings = FilmSettings(_keep_size(size[0]), _keep_size(size[1]), rate, modes[chosen])
+    exporting.choice = replace(exporting.choice, film=settings)
+    return path
+
+
+def _keep_size(side: int) -> int:
+    """Keep a typed number of pixels in a range in which it can be shown; what is still wrong is said on export."""
+    return min(max(side, 1), 10 * LARGEST)
 
 
 def _format_title(suffix: str) -> str:
@@ -148,9 +212,9 @@ def _draw_label(text: str) -> None:
     imgui.same_line(_LABEL_EM * imgui.get_font_size())
 
 
-def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: Key) -> Key:
+def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: Key, width: float = _COMBO_EM) -> Key:
     """Draw a drop-down list and return the chosen key; marks: ``export.NAME`` and ``export.NAME.KEY``."""
-    imgui.set_next_item_width(_COMBO_EM * imgui.get_font_size())
+    imgui.set_next_item_width(width * imgui.get_font_size())
     opened = imgui.begin_combo(f"##{name}", dict(entries).get(current, ""), imgui.ComboFlags_.height_large)
     ui.mark(f"export.{name}")
     if not opened:

@@ -13,7 +13,7 @@ from instdrive_core.formats.registry import FORMATS, is_scene_folder
 from instdrive_core.project.save import SUFFIX
 
 SCENE_ENDINGS = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
-FILE_ENDINGS = (*SCENE_ENDINGS, SUFFIX, ".json", ".glb", ".png")
+FILE_ENDINGS = (*SCENE_ENDINGS, SUFFIX, ".json", ".glb", ".png", ".mp4", ".webm")
 """File endings that a folder's name must not have."""
 
 
@@ -35,6 +35,8 @@ class FilePurpose:
     """Ending of the proposed name for a new file, after the scene's own name."""
     refusal: str = ""
     """Why no path at all can be accepted; empty if some can."""
+    fills: bool = False
+    """Whether a folder is filled with files; else it is that of a scene."""
 
     def complete(self, path: Path) -> Path:
         """Add the ending that the user need not type: that of a file whose name can have no other."""
@@ -58,12 +60,23 @@ class FilePurpose:
 
     def _check_new(self, path: Path) -> str:
         endings = " or ".join(self.suffixes)
+        if self.fills and not path.suffix:
+            return "The folder is not empty; name a new one" if _holds_anything(path) else _check_parent(path)
         if os.path.isdir(path) and not (self.folders and holds_scene(path)):
             return f"Add a file name that ends in {endings}"
         if not path.name.lower().endswith(self.suffixes) and (path.suffix or not self.folders):
-            folder = ", or have no ending for a scene folder" if self.folders else ""
+            kind = "a folder of pictures" if self.fills else "a scene folder"
+            folder = f", or have no ending for {kind}" if self.folders else ""
             return f"The name must end in {endings}{folder}"
         return _check_parent(path)
+
+
+def _holds_anything(path: Path) -> bool:
+    """Whether there is a file of this name, or a folder that is not empty or cannot be read."""
+    try:
+        return os.path.lexists(path) and (not os.path.isdir(path) or bool(os.listdir(path)))
+    except OSError:
+        return True
 
 
 def _check_filled_folder(path: Path) -> str:

@@ -23,7 +23,7 @@ def parse_xml(file: Path) -> ElementTree.Element:
         raise DataError(file, "defines entities, which no data set does", "Get the file again from a source you trust")
     try:
         return ElementTree.fromstring(text.encode())
-    except (ElementTree.ParseError, ValueError) as error:
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an encoding that nobody knows
         raise DataError(file, f"is no readable XML ({error})", _REMEDY) from error
 
 

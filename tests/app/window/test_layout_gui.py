@@ -16,7 +16,7 @@ SIZES = [((1280, 720), 1.0), ((1280, 720), 2.0), ((1600, 900), 1.0), ((1024, 640
 TINY = [1280, 800]
 """Pixels of the smallest window, whose text is twice as large."""
 MOST_TELLING = ("empty", "open", "one", "move tool", "side by side, depth", "hover", "dialog export", "dialog cleanup")
-MOST_TELLING += ("dialog shortcuts", "dialog about", "menu Help")
+MOST_TELLING += ("dialog shortcuts", "dialog about", "menu Help", "camera path", "dialog film")
 """States that are looked at where the window is large: frames are slow, and there is more room for everything."""
 CONTAINERS = ("viewport", "picture", "reference", "hover label", "deletion review")
 """What other widgets stand in, or what follows the mouse over them."""
@@ -29,6 +29,8 @@ ALWAYS_IN_VIEW = {
     "dialog shortcuts": ("dialog.cancel",),
     "dialog export": ("dialog.path", "dialog.accept", "dialog.cancel"),
     "dialog about": ("about.copy", "dialog.cancel"),
+    "dialog film": ("export.film.size", "export.film.rate", "dialog.accept"),
+    "camera path": ("path.film", "path.strip", "path.strip.2"),
     "menu Help": ("menu help.log",),
 }
 

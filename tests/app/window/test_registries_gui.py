@@ -18,7 +18,8 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.tools.registry import TOOLS
 
-SUPPORT = Path(__file__).parents[2] / "support"
+ROOT = Path(__file__).parents[3]
+SUPPORT = ROOT / "tests" / "support"
 REGISTRIES = {"panels": PANELS, "dialogs": DIALOGS, "overlays": OVERLAYS, "tools": TOOLS}
 
 
@@ -51,6 +52,6 @@ def test_all_are_drawn_without_a_scene_and_with_the_street(tmp_path):
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is not installed")
     command = [sys.executable, str(SUPPORT / "window/registry_tour.py"), str(tmp_path)]
-    environment = {**os.environ, "PYTHONPATH": str(SUPPORT)}
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{SUPPORT}"}
     done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False, env=environment)
     assert done.returncode == 0, done.stderr[-4000:]

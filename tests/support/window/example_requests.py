@@ -40,6 +40,7 @@ def list_requests(scene, instance):
         "insert": AskPath("insert"),
         "save": AskPath("save"),
         "export": AskExport(),
+        "film": AskExport("film"),
         "new scene": AskNewScene(),
         "leave job": AskLeaveJob(do_nothing),
         "unfinished job": OfferJob(scene.parent),
@@ -62,7 +63,7 @@ def list_requests(scene, instance):
 
 
 def fill_in(session, scene):
-    """Give the session what dialogs show that have nothing to show otherwise: defects, and work to recover."""
+    """Give the session what dialogs show that have nothing to show otherwise: defects, a path, work to recover."""
     not_finite = Defect(
         "not_finite",
         "3 splats hold values that are not finite (means of 2, log_scales of 3)",
@@ -71,6 +72,8 @@ def fill_in(session, scene):
         "Best deleted: most viewers draw nothing or fail where one is in view",
     )
     session.making.run = scene.parent
+    while len(session.camera_path.keys) < 2:
+        session.camera_path.add()
     session.files.defects = (not_finite, Defect("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"))
     session.files.autosave.recoverable = [
         RecoverableSession(scene.parent, scene, datetime(2026, 5, 4, 12, 30, tzinfo=UTC), 12),

@@ -18,9 +18,10 @@ from imgui_bundle import imgui
 from PIL import Image
 from tyro.conf import Positional
 
+from instdrive_app.camera import orbit
 from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import ReceiveDrop
+from instdrive_app.session.requests import ReceiveDrop, ShowPanel
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
@@ -83,6 +84,8 @@ class Tour:
 
     def _views(self) -> Iterator[None]:
         session, state = self._session, self._session.state
+        if self._wanted("camera path"):
+            yield from self._film()
         for mode in (ViewMode.DEPTH, ViewMode.INSTANCE, ViewMode.CODEWORD):
             state.view_mode = mode
             yield from self._look(f"{mode.value.lower()} view")
@@ -100,6 +103,18 @@ class Tour:
         self._window.ui.script_pointer = ((middle[2] - middle[0]) / 2, (middle[3] - middle[1]) / 2)
         yield from self._look("hover")
         self._window.ui.script_pointer = None
+
+    def _film(self) -> Iterator[None]:
+        session = self._session
+        for turn in range(3):
+            session.camera_path.add()
+            session.navigation.look_from(orbit(session.state.viewpoint, 0.4, 0.05 * turn))
+        session.camera_path.move(2, 6.5)
+        session.camera_path.seek(3.0)
+        session.requests.put(ShowPanel("Camera path"))
+        yield from self._look("camera path", frames=8)
+        self._front("Timeline")
+        session.navigation.look_from_start()
 
     def _dialogs(self) -> Iterator[None]:
         session, ids = self._session, self._cars()

@@ -1,5 +1,7 @@
 """Which paths fit each purpose, and what the file browser lists."""
 
+from dataclasses import replace
+
 import pytest
 
 from instdrive_app.files.file_names import find_folder_beside
@@ -68,3 +70,14 @@ def test_new_files_go_beside_the_scene_but_never_into_the_program(tmp_path, monk
     (tmp_path / ".config" / "user-dirs.dirs").write_text('XDG_DOCUMENTS_DIR="$HOME/Papers"\n', encoding="utf-8")
     assert find_folder_beside(find_sample_scene()) == tmp_path / "Papers"
     assert find_folder_beside(tmp_path / "drives" / "a.ply") == tmp_path / "drives"
+
+
+def test_frames_of_a_film_go_into_a_new_or_empty_folder(tmp_path):
+    films = replace(PURPOSES["export"], suffixes=(".mp4", ".webm", ".json"), fills=True)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "full" / "deep").mkdir(parents=True)
+    for name in ("new", "empty", "a.mp4", "a.json"):
+        assert films.find_problem(tmp_path / name) == "", name
+    assert films.find_problem(tmp_path / "full") == "The folder is not empty; name a new one"
+    assert "does not exist" in films.find_problem(tmp_path / "gone" / "film")
+    assert films.find_problem(tmp_path / "a.avi").endswith("or have no ending for a folder of pictures")

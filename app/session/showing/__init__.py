@@ -1,0 +1,1 @@
+"""What shows the scene to others: the camera's path between keys."""

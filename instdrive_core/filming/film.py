@@ -1,0 +1,169 @@
+"""Films along a camera path: numbered PNG frames, or a video."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+from numpy import ndarray
+from PIL import Image
+
+from instdrive_core.errors import DataError, OptionError
+from instdrive_core.extras import explain_missing_module
+from instdrive_core.files.atomic import open_atomically
+from instdrive_core.files.new_folder import fill_new_folder
+from instdrive_core.filming.camera_path import CameraPath
+from instdrive_core.progress import report
+from instdrive_core.rasterize.pictures import Mode, colorize_depth, colorize_preview, measure_depth_range
+from instdrive_core.rasterize.scene_view import view_scene
+from instdrive_core.scene.scene import Scene
+
+FILM_MODES: dict[Mode, str] = {"color": "Colour", "instance": "Instances", "depth": "Depth"}
+"""What a film can show, and what the user reads for it."""
+CODECS = {".mp4": ("libx264", {"crf": "18"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
+"""Encoder and its options by the ending of the video."""
+LARGEST, FASTEST, MOST_FRAMES = 8192, 240.0, 100_000
+_BT709, _LIMITED = 1, 1
+"""Numbers that H.273 gives the colours of high-definition video and their range from 16 to 235."""
+_OTHER_KIND = "Choose the other ending, or frames as PNG"
+_DEPTH_SAMPLES, _DEPTH_SIZE = 5, 160
+
+Frame = UInt8[ndarray, "h w 3"]
+
+
+@dataclass(frozen=True)
+class FilmSettings:
+    """What each frame shows, and how large and how often."""
+
+    width: int = 1280
+    height: int = 720
+    rate: float = 30.0
+    """Frames per second."""
+    mode: Mode = "color"
+
+
+def check_film(seconds: float, settings: FilmSettings, out: Path) -> int:
+    """Check that a film of so many seconds can be made, and count its frames.
+
+    Raises OptionError that names what cannot be, MissingExtraError for a video without PyAV.
+    """
+    is_video = out.suffix.lower() in CODECS
+    if out.suffix and not is_video:
+        raise OptionError(f"{out} ends neither in .mp4 nor in .webm; frames as PNG need a folder's name without a dot")
+    for name, side in (("width", settings.width), ("height", settings.height)):
+        if not 1 <= side <= LARGEST:
+            raise OptionError(f"the {name} is {side}; it must be from 1 to {LARGEST} pixels")
+        if side % 2 and is_video:
+            raise OptionError(f"the {name} is {side}; a video needs an even number of pixels. Choose {side + 1}")
+    if not (math.isfinite(settings.rate) and 1 <= settings.rate <= FASTEST):
+        raise OptionError(f"the rate is {settings.rate:g} frames per second; it must be from 1 to {FASTEST:g}")
+    if settings.mode not in FILM_MODES:
+        raise OptionError(f"a film cannot show {settings.mode!r}; choose {', '.join(FILM_MODES)}")
+    count = math.floor(seconds * settings.rate + 1e-6) + 1
+    if count > MOST_FRAMES:
+        raise OptionError(f"the film would have {count:,} frames; at most {MOST_FRAMES:,} are possible")
+    if is_video:
+        _load_av()
+    return count
+
+
+def draw_film(
+    scene: Scene, path: CameraPath, settings: FilmSettings, count: int, drawn: Bool[ndarray, " n"] | None = None
+) -> Iterator[Frame]:
+    """Draw the frames one by one, reporting progress; the colours of depth mean the same in all of them."""
+    ramp = _measure_depths(scene, path, settings, drawn) if settings.mode == "depth" else None
+    for number in range(count):
+        report(number / count)
+        at = path.start + number / settings.rate
+        camera = path.find_camera(at, settings.width, settings.height)
+        shown = view_scene(scene, camera, path.find_drive_time(at), drawn)
+        if ramp is not None:
+            yield colorize_depth(shown.depth, shown.alpha >= 0.5, ramp)
+        else:
+            yield colorize_preview(scene, shown, settings.mode)
+
+
+def write_film(
+    out: Path, scene: Scene, path: CameraPath, settings: FilmSettings, drawn: Bool[ndarray, " n"] | None = None
+) -> int:
+    """Write a film of the `drawn` splats as .mp4, .webm, or a new folder of ``frame_00001.png`` …; counts the frames.
+
+    A film that is cancelled or fails leaves nothing behind. Videos hold colours nearly, PNG exactly: only there can
+    IDs be read back from colours.
+
+    Raises OptionError where it cannot be made so, DataError where it cannot be written, MissingExtraError for a video
+    without PyAV.
+    """
+    count = check_film(path.end - path.start, settings, out)
+    frames = draw_film(scene, path, settings, count, drawn)
+    if out.suffix:
+        with _open_video(out, settings) as add:
+            for frame in frames:
+                add(frame)
+        return count
+    with fill_new_folder(out) as folder:
+        for number, frame in enumerate(frames, 1):
+            Image.fromarray(frame).save(folder / f"frame_{number:05d}.png", compress_level=3)
+    return count
+
+
+def _load_av() -> Any:
+    """Import PyAV. Raises MissingExtraError where it is not installed."""
+    try:
+        import av
+    except ModuleNotFoundError as error:
+        raise explain_missing_module(error) or error from error
+    return av
+
+
+@contextmanager
+def _open_video(out: Path, settings: FilmSettings) -> Iterator[Callable[[Frame], None]]:
+    """Open a video and give what adds a frame to it; the file is there when the block ends without an error.
+
+    Colours are converted and marked as BT.709: players take those of a large video without a mark for that.
+    """
+    av = _load_av()
+    codec, options = CODECS[out.suffix.lower()]
+    with open_atomically(out) as file:
+        try:
+            with av.open(file, "w", format=out.suffix.lower()[1:]) as container:
+                try:
+                    stream = container.add_stream(codec, rate=Fraction(settings.rate).limit_denominator(1001))
+                except ValueError as error:  # this build of PyAV lacks the encoder
+                    raise DataError(out, f"the video cannot be encoded ({error})", _OTHER_KIND) from error
+                stream.width, stream.height, stream.pix_fmt = settings.width, settings.height, "yuv420p"
+                stream.options = options
+                coder = stream.codec_context
+                coder.colorspace, coder.color_primaries, coder.color_trc, coder.color_range = (*[_BT709] * 3, _LIMITED)
+
+                def add(frame: Frame) -> None:
+                    picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
+                    picture = picture.reformat(format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
+                    container.mux(stream.encode(picture))
+
+                yield add
+                container.mux(stream.encode())
+        except av.error.FFmpegError as error:
+            raise DataError(out, f"the video cannot be encoded ({error})", _OTHER_KIND) from error
+
+
+def _measure_depths(
+    scene: Scene, path: CameraPath, settings: FilmSettings, drawn: Bool[ndarray, " n"] | None
+) -> tuple[float, float]:
+    """Depths (metres) at the ends of the ramp, from small pictures all along the path."""
+    ranges = []
+    factor = min(1.0, _DEPTH_SIZE / max(settings.width, settings.height))
+    for at in np.linspace(path.start, path.end, _DEPTH_SAMPLES).tolist():
+        camera = path.find_camera(at, settings.width, settings.height).scale(factor)
+        shown = view_scene(scene, camera, path.find_drive_time(at), drawn)
+        found = measure_depth_range(shown.depth, shown.alpha >= 0.5)
+        if found is not None:
+            ranges.append(found)
+    return (min(near for near, _ in ranges), max(far for _, far in ranges)) if ranges else (1.0, 1.0)
