@@ -253,12 +253,8 @@ class WindowDriver:
             self._xdotool("keyup", modifier)
 
     def click_widget(self, name, *modifiers, button=1):
-        """Click the middle of a widget, once it stays where it is: a dialog is laid out anew in its first frames."""
-        place, before = self.wait_for_widget(name), None
-        while place != before:
-            self.wait_for_frames(2)
-            place, before = self.wait_for_widget(name), place
-        self.click(*place, *modifiers, button=button)
+        """Click the middle of a widget."""
+        self.click(*self.wait_for_widget(name), *modifiers, button=button)
 
     def drag(self, start, end, button=1, steps=8, modifiers=(), before_release=lambda: None):
         """Press at `start`, move to `end`, release; with modifier keys held."""
