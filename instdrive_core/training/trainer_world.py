@@ -33,10 +33,10 @@ def move_to_clip_world(scene: Scene, path: Path, clip: Clip) -> Scene:
     step = read_start_step(path) if fmt.folder is None else None
     if step is not None:
         return _move_from_drivestudio(scene, path, clip, step)
-    if scene.actors:
+    if scene.actors:  # StreetGaussians' world begins at the mean of the car's places, HUGSIM's at a place of its own
         raise DataError(
             path,
-            "its world begins at the mean of the car's places, which no clip tells",
+            "where the world of its trainer lies in that of the clip is not known",
             "Open, edit and convert it as it is; --init takes checkpoints of drivestudio with a clip of its folders",
         )
     if clip.world_from_file is not None:

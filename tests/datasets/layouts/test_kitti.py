@@ -90,6 +90,7 @@ def damage(file, old, new):
         ("tracklet_labels.xml", "<count>2", "<count>3", "promises 3 tracklets and holds 2"),
         ("tracklet_labels.xml", "<h>1.5", "<h>-1.5", "has the size"),
         ("tracklet_labels.xml", "<tx>", "<tx>x", "no list of numbers"),
+        ("tracklet_labels.xml", 'encoding="UTF-8"', 'encoding="TTF-8"', "no readable XML"),
         ("tracklet_labels.xml", "<objectType>Car</objectType>", "", "objectType' is missing"),
     ],
 )
