@@ -1,0 +1,1 @@
+"""NVIDIA NuRec: tracks of its reconstructions, and edits of its actors."""
