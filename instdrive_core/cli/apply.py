@@ -10,6 +10,7 @@ import tyro
 from instdrive_core.cli.arguments import check_known_ids, choose_time, find_default_time, parse_assignment, parse_color
 from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
+from instdrive_core.cli.nurec_options import NurecOptions
 from instdrive_core.cli.part_options import PartOptions
 from instdrive_core.cli.turn_options import TurnOptions
 from instdrive_core.edits.document.edit import Edit
@@ -41,6 +42,7 @@ def apply(
     more: Annotated[EditOptions, tyro.conf.OmitArgPrefixes] = EditOptions(),  # noqa: B008 (frozen)
     after_deletion: Annotated[DeletionOptions, tyro.conf.OmitArgPrefixes] = DeletionOptions(),  # noqa: B008 (frozen)
     parts: Annotated[PartOptions, tyro.conf.OmitArgPrefixes] = PartOptions(),  # noqa: B008 (frozen)
+    exchange: Annotated[NurecOptions, tyro.conf.OmitArgPrefixes] = NurecOptions(),  # noqa: B008 (frozen)
     edits: Path | None = None,
     time: float | None = None,
     sibr: bool = False,
@@ -61,6 +63,7 @@ def apply(
         more: Other edits, done after those of the file and before renaming, recolouring and deleting.
         after_deletion: What is told of deletions, and done about what they leave.
         parts: What is written besides the whole scene, or instead of it.
+        exchange: What is taken from NVIDIA NuRec and handed over to it.
         edits: File with one edit as JSON per line, done before the others.
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
         sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
@@ -72,7 +75,7 @@ def apply(
     is_turned = any(isinstance(step, TurnScene) for step in steps)
     steps += more.edits(document, shown, is_turned)
     steps += _collect_edits(document.scene, delete, recolor, recolor_mode, rename)
-    for edit in steps:
+    for edit in (*exchange.read_edits(document), *steps):
         document.apply(edit)
     after_deletion.follow(document, steps, shown)
     rows = parts.rows(document)
@@ -80,6 +83,7 @@ def apply(
         if rows is not None:
             raise OptionError("a project keeps the edits of a whole scene; give --only another --out, e.g. part.ply")
         parts.write(document, shown, "", sibr)
+        exchange.write(document)
         save_project(out, document, view)
         print(f"{out}: {format_count(len(document.history.done), 'edit')} of {scene}")
         return
@@ -90,6 +94,7 @@ def apply(
     result = bake_document(document, time) if rows is None else bake_part(document, rows, time)
     save_scene(out, result, sibr=sibr)
     parts.write(document, shown, fmt.suffix, sibr)
+    exchange.write(document)
     held = f"{format_count(len(result), 'splat')}, {format_count(len(result.table), 'instance')}"
     print(f"{out}: {held} ({format_count(len(document.history.done), 'edit')} applied)")
 

@@ -67,15 +67,15 @@ def parse_sequence_tracks(path: Path, content: Any) -> SequenceTracks:
         raise DataError(path, "the lists of tracks_data and cuboids_dims are not of one length", _REMEDY)
     if len(sizes) > _MOST_TRACKS:
         raise DataError(path, f"it has {len(sizes)} tracks, more than {_MOST_TRACKS}", _REMEDY)
-    stamps = [
-        _require_stamps(path, values, f"tracks_timestamps_us[{row}]") for row, values in enumerate(columns[2])
-    ]
+    stamps = [_require_stamps(path, values, f"tracks_timestamps_us[{row}]") for row, values in enumerate(columns[2])]
     start = min((int(values[0]) for values in stamps), default=0)
     known: set[str] = set()
     tracks = []
     for row, (name, poses, _, label) in enumerate(zip(*columns, strict=True)):
         if not isinstance(name, str | int) or isinstance(name, bool) or str(name) in known:
-            raise DataError(path, f"tracks_id[{row}] is {str(name)[:60]!r}, no name or one that is there twice", _REMEDY)
+            raise DataError(
+                path, f"tracks_id[{row}] is {str(name)[:60]!r}, no name or one that is there twice", _REMEDY
+            )
         known.add(str(name))
         shown = _require_rows(path, poses, (len(stamps[row]), 7), f"tracks_poses[{row}]")
         size = _require_rows(path, [sizes[row]], (1, 3), f"cuboids_dims[{row}]")[0]
@@ -95,9 +95,7 @@ def describe_tracks(tracks: Sequence[Track], start: int = 0) -> dict[str, Any]:
     """Describe tracks as NuRec does, `start` being the microseconds of their second 0."""
     forward = [track.world_from_box[:, :3, :3] @ BOX_FROM_FORWARD_X for track in tracks]
     quats = [np.roll(quaternion_from_matrix(turn), -1, axis=1) for turn in forward]
-    poses = [
-        np.c_[track.world_from_box[:, :3, 3], quat].tolist() for track, quat in zip(tracks, quats, strict=True)
-    ]
+    poses = [np.c_[track.world_from_box[:, :3, 3], quat].tolist() for track, quat in zip(tracks, quats, strict=True)]
     return {
         "tracks_data": {
             "tracks_id": [track.id for track in tracks],
