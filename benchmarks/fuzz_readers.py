@@ -18,6 +18,9 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.serialize import edits_from_lines
 from instdrive_core.errors import DataError
 from instdrive_core.files.restricted_pickle import read_pickle
+from instdrive_core.formats.nurec.edit_assets import read_asset_edits
+from instdrive_core.formats.nurec.objects import find_asset, read_object
+from instdrive_core.formats.nurec.sequence_tracks import read_sequence_tracks
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.masks.imported.labels import READERS as MASK_READERS
 from instdrive_core.masks.label_map_folder import open_masks
@@ -154,6 +157,20 @@ def read_mask_folder(path: Path) -> Read:
     return Read(_digest(parts, [folder.source, folder.seed, folder.faults, folder.counts]))
 
 
+def read_hand_over(path: Path) -> Read:
+    """A hand-over to NuRec with its objects, and the tracks beside it."""
+    told, known = read_asset_edits(path / "edit-assets.json"), read_sequence_tracks(path / "sequence_tracks.json")
+    names = [*(one.asset for one in told.replaced), *(asset for asset, _ in told.inserted)]
+    tracks = [track for _, track in told.inserted]
+    objects = [read_object(find_asset(path, name), known.tracks[0]) for name in names] if known.tracks else []
+    facts = [_scene_facts(scene) for scene in objects]
+    numbers = [("track", np.r_[t.times, t.world_from_box.ravel(), t.dimensions]) for t in (*tracks, *known.tracks)]
+    texts = [told.removed, told.replaced, told.assets, *names, *(fact.digest for fact in facts)]
+    said = tuple(sentence for fact in facts for sentence in fact.reported)
+    wrong = next((fact.unreported for fact in facts if fact.unreported), "") or _not_finite(numbers)
+    return Read(_digest([values for _, values in numbers], texts), said, wrong)
+
+
 READERS: dict[str, Callable[[Path], Read]] = {
     **dict.fromkeys(("ply", "compressed_ply", "splat", "spz", "ksplat", "lcc", "gltf", "usd", "html"), read_scene),
     **dict.fromkeys(("cloud", "street"), read_scene),
@@ -166,6 +183,7 @@ READERS: dict[str, Callable[[Path], Read]] = {
     "point_ply": read_points,
     **dict.fromkeys(("mask_npz", "mask_rle", "mask_png"), read_mask),
     "mask_folder": read_mask_folder,
+    "nurec": read_hand_over,
 }
 """By `Seed.kind`."""
 

@@ -39,6 +39,9 @@ from instdrive_core.formats.checkpoints.sample_files import (
 from instdrive_core.formats.clouds.sample_files import build_pcd
 from instdrive_core.formats.ksplat.sample_files import build_ksplat
 from instdrive_core.formats.lcc.sample_files import build_lcc
+from instdrive_core.formats.nurec.hand_over import plan_hand_over
+from instdrive_core.formats.nurec.sequence_tracks import SequenceTracks, write_sequence_tracks
+from instdrive_core.formats.nurec.writing import write_hand_over
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.formats.spz.scenes import write_spz
 from instdrive_core.project.edit_log import LoggedHistory, diff_histories
@@ -85,6 +88,7 @@ def list_seeds() -> tuple[Seed, ...]:
             *list_clip_seeds(Seed),
             *list_layout_seeds(Seed),
             *_list_checkpoint_seeds(Path(name) / "checkpoints"),
+            *_list_nurec_seeds(Path(name) / "handed"),
         )
 
 
@@ -291,6 +295,18 @@ def _list_edit_seeds(folder: Path) -> Iterator[Seed]:
     )
     lines = "".join(json.dumps(edit.to_json()) + "\n" for edit in document.history.edits)
     yield Seed("edits", "edits", {"edits.jsonl": lines.encode()}, "edits.jsonl")
+
+
+def _list_nurec_seeds(folder: Path) -> Iterator[Seed]:
+    before = replace(_small_street(), views=(), sky=None, exposures=None)
+    after = replace(before, gaussians=before.gaussians.copy())
+    after.gaussians.sh_dc[after.nodes > 0] += 0.5
+    plan = plan_hand_over(before, after)
+    moved = replace(before.actors[0], id="moved")
+    inserted = ((plan.edits.assets[0].id, moved),)
+    write_hand_over(folder, replace(plan, edits=replace(plan.edits, removed=("8",), inserted=inserted)))
+    write_sequence_tracks(folder / "sequence_tracks.json", SequenceTracks(before.actors, 10**15))
+    yield Seed("nurec", "handed", read_files_below(folder))
 
 
 def _session(folder: Path, base: Path, document: Document) -> Files:

@@ -16,14 +16,12 @@ from typing import Any
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import open_atomically
 from instdrive_core.files.bounded_json import parse_bounded_json
-from instdrive_core.files.plain_file import require_plain_file
-from instdrive_core.formats.nurec.sequence_tracks import describe_tracks, parse_sequence_tracks
+from instdrive_core.formats.nurec.sequence_tracks import describe_tracks, parse_sequence_tracks, read_text_file
 from instdrive_core.scene.track import Track
 
 NAME = "edit-assets.json"
 Size = tuple[float, float, float]
 _REMEDY = "Write the file again by NuRec's export-external-assets or by InstDrive"
-_LONGEST = 256 << 20
 _MOST = 65_000
 
 
@@ -89,10 +87,9 @@ def write_asset_edits(path: Path, edits: AssetEdits, package: str = "") -> None:
 def read_asset_edits(path: Path) -> AssetEdits:
     """Read the edits. Raises DataError naming the field that cannot be used."""
     path = Path(path)
-    if require_plain_file(path).stat().st_size > _LONGEST:
-        raise DataError(path, f"it is longer than {_LONGEST >> 20} MB", _REMEDY)
+    text = read_text_file(path)
     try:
-        content = parse_bounded_json(path.read_bytes())
+        content = parse_bounded_json(text)
     except ValueError as error:
         raise DataError(path, f"it is no JSON ({error})", _REMEDY) from error
     metadata, insert = (_require(path, content, name, dict) for name in ("metadata", "insert"))

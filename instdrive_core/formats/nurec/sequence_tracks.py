@@ -73,9 +73,8 @@ def parse_sequence_tracks(path: Path, content: Any) -> SequenceTracks:
     tracks = []
     for row, (name, poses, _, label) in enumerate(zip(*columns, strict=True)):
         if not isinstance(name, str | int) or isinstance(name, bool) or str(name) in known:
-            raise DataError(
-                path, f"tracks_id[{row}] is {str(name)[:60]!r}, no name or one that is there twice", _REMEDY
-            )
+            problem = f"tracks_id[{row}] is {str(name)[:60]!r}, no name or one that is there twice"
+            raise DataError(path, problem, _REMEDY)
         known.add(str(name))
         shown = _require_rows(path, poses, (len(stamps[row]), 7), f"tracks_poses[{row}]")
         size = _require_rows(path, [sizes[row]], (1, 3), f"cuboids_dims[{row}]")[0]
@@ -116,12 +115,20 @@ def write_sequence_tracks(path: Path, found: SequenceTracks) -> None:
         out.write(json.dumps({_CHUNK: describe_tracks(found.tracks, found.start)}, indent=1).encode())
 
 
+def read_text_file(path: Path) -> bytes:
+    """Read a file of NuRec as a whole. Raises DataError where it is missing or longer than any drive needs."""
+    try:
+        if require_plain_file(path).stat().st_size > _LONGEST:
+            raise DataError(path, f"it is longer than {_LONGEST >> 20} MB", _REMEDY)
+        return path.read_bytes()
+    except OSError as error:
+        raise DataError(path, f"it cannot be read ({error.strerror or error})", "Check the path") from error
+
+
 def _read_text(path: Path) -> bytes:
     file = require_plain_file(path)
     if not zipfile.is_zipfile(file):
-        if path.stat().st_size > _LONGEST:
-            raise DataError(path, f"it is longer than {_LONGEST >> 20} MB", _REMEDY)
-        return path.read_bytes()
+        return read_text_file(path)
     try:
         with zipfile.ZipFile(file) as package, package.open(NAME) as member:
             text = member.read(_LONGEST + 1)

@@ -1,4 +1,4 @@
-"""The folder that is handed to NuRec: ``edit-assets.json`` and ``external_assets`` as its asset harvester leaves them."""
+"""The folder that is handed to NuRec: ``edit-assets.json`` and ``external_assets`` as its harvester does."""
 
 from __future__ import annotations
 

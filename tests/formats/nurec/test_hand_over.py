@@ -54,7 +54,7 @@ def test_each_edit_becomes_what_nurec_knows(scene, tmp_path, capsys):
     assert told.removed == ("actor-0", "actor-1")
     (painted,) = told.replaced
     assert painted.original == "actor-2"
-    assert [track.id for _, track in told.inserted][0] == "actor-1_edited"
+    assert next(track.id for _, track in told.inserted) == "actor-1_edited"
     assert len(told.inserted) == 2, "the moved actor and the copy of a parked thing"
     said = capsys.readouterr().out
     assert "2 removed, 1 replaced, 2 inserted" in said
@@ -99,14 +99,12 @@ def test_actors_are_found_by_place_where_nurec_names_them_otherwise(scene, tmp_p
     theirs = []
     for track in made.actors[:2]:
         poses = track.world_from_box.copy()
-        poses[:, :3, 3] += made.origin + [0.2, 0, 0]
+        poses[:, :3, 3] += made.origin + np.array([0.2, 0, 0])
         theirs.append(dataclasses.replace(track, id=f"nurec {track.id}", world_from_box=poses))
     write_sequence_tracks(tmp_path / "tracks.json", SequenceTracks(tuple(theirs), start))
     first = min(track.times[0] for track in made.actors[:2])
-    shifted = dataclasses.replace(
-        made, actors=tuple(dataclasses.replace(t, times=t.times - first) for t in made.actors)
-    )
-    save_scene(tmp_path / "shifted", shifted)
+    later = (dataclasses.replace(track, times=track.times - first) for track in made.actors)
+    save_scene(tmp_path / "shifted", dataclasses.replace(made, actors=tuple(later)))
     edit(tmp_path / "shifted", tmp_path / "edited", tmp_path / "handed", nurec_tracks=tmp_path / "tracks.json")
     told = read_asset_edits(tmp_path / "handed" / "edit-assets.json")
     assert told.removed == ("nurec actor-0", "nurec actor-1")

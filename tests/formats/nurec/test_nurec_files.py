@@ -115,8 +115,14 @@ def test_damaged_tracks_are_named(tmp_path, field, value, problem):
 def test_a_package_without_tracks_says_how_to_get_them(tmp_path):
     with zipfile.ZipFile(tmp_path / "last.usdz", "w") as package:
         package.writestr("default.usda", "#usda 1.0")
-    with pytest.raises(DataError, match="sequence_tracks.enabled=true"):
+    with pytest.raises(DataError, match=r"sequence_tracks\.enabled=true"):
         read_sequence_tracks(tmp_path / "last.usdz")
+
+
+@pytest.mark.parametrize("read", [read_asset_edits, read_sequence_tracks])
+def test_missing_files_are_named(tmp_path, read):
+    with pytest.raises(DataError, match=r"nowhere\.json.*cannot be read"):
+        read(tmp_path / "nowhere.json")
 
 
 @pytest.mark.parametrize(
