@@ -16,6 +16,7 @@ from instdrive_core.cli.turn_options import TurnOptions
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.find_objects import FindObjects
 from instdrive_core.edits.kinds.paint import PaintInstances
 from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.turn_scene import TurnScene
@@ -40,6 +41,7 @@ def apply(
     rename: tuple[str, ...] = (),
     turn: Annotated[TurnOptions, tyro.conf.OmitArgPrefixes] = TurnOptions(),  # noqa: B008 (frozen)
     more: Annotated[EditOptions, tyro.conf.OmitArgPrefixes] = EditOptions(),  # noqa: B008 (frozen)
+    find_objects: bool = False,
     after_deletion: Annotated[DeletionOptions, tyro.conf.OmitArgPrefixes] = DeletionOptions(),  # noqa: B008 (frozen)
     parts: Annotated[PartOptions, tyro.conf.OmitArgPrefixes] = PartOptions(),  # noqa: B008 (frozen)
     exchange: Annotated[NurecOptions, tyro.conf.OmitArgPrefixes] = NurecOptions(),  # noqa: B008 (frozen)
@@ -60,6 +62,8 @@ def apply(
             `paint` changes only what is near the colour of an object's body.
         rename: New names as ID=NAME.
         turn: How the scene is stood upright, after the edits of the file.
+        find_objects: Make instances of what stands on the ground and hangs together, in a scene that has none. Done
+            before the edits of other options, which can name the new IDs.
         more: Other edits, done after those of the file and before renaming, recolouring and deleting.
         after_deletion: What is told of deletions, and done about what they leave.
         parts: What is written besides the whole scene, or instead of it.
@@ -71,11 +75,17 @@ def apply(
     """
     document, view = open_document(scene, keep_every=keep_every)
     shown = choose_time(document.scene, time)
-    steps = [*(_read_edit_log(edits) if edits else []), *turn.edits(document, scene)]
-    is_turned = any(isinstance(step, TurnScene) for step in steps)
-    steps += more.edits(document, shown, is_turned)
+    first = [*(_read_edit_log(edits) if edits else []), *turn.edits(document, scene)]
+    for edit in (*exchange.read_edits(document), *first):
+        document.apply(edit)
+    if find_objects:
+        known = len(document.scene.table)
+        document.apply(FindObjects())
+        print(f"found: {format_count(len(document.scene.table) - known, 'object')}")
+    is_turned = any(isinstance(step, TurnScene) for step in first)
+    steps = [*first, *more.edits(document, shown, is_turned)]
     steps += _collect_edits(document.scene, delete, recolor, recolor_mode, rename)
-    for edit in (*exchange.read_edits(document), *steps):
+    for edit in steps[len(first) :]:
         document.apply(edit)
     after_deletion.follow(document, steps, shown)
     rows = parts.rows(document)

@@ -13,6 +13,7 @@ from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows, DeleteSelected
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.fill_hole import FillHole
+from instdrive_core.edits.kinds.find_objects import FindObjects
 from instdrive_core.edits.kinds.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.kinds.hide_rows import HideRows
 from instdrive_core.edits.kinds.insert import InsertScene
@@ -77,6 +78,7 @@ EDIT_KINDS: dict[str, EditKind] = {
         EditKind(DeleteSelected, "ICON_FA_TRASH"),
         EditKind(DuplicateInstances, "ICON_FA_CLONE"),
         EditKind(FillHole, "ICON_FA_FILL_DRIP"),
+        EditKind(FindObjects, "ICON_FA_CUBES"),
         EditKind(GrowSelection, "ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER"),
         EditKind(HideInstances, "ICON_FA_EYE_SLASH"),
         EditKind(HideRows, "ICON_FA_CROP_SIMPLE"),

@@ -77,6 +77,7 @@ simple_edits = (
     entries("merge_instances", ids=ids, into=st.integers(1, 9)),
     entries("split_instance", id=st.integers(1, 9), gap=st.sampled_from([0.25, 1.5])),
     entries("reassign_selected", into=st.sampled_from([None, 0, 1, 7])),
+    entries("find_objects", gap=st.sampled_from([0.3, 0.5]), unit=st.sampled_from([None, 1.0])),
     entries("absorb_floaters", id=st.integers(1, 9)),
     entries(
         "move_instances",

@@ -60,6 +60,7 @@ EXAMPLES = {
         "size": 0.4,
         "plane": [0.0, 0.0, 0.0],
     },
+    "find_objects": {"gap": 0.4},
     "grow_selection": {"distance": 0.5},
     "hide_instances": {"ids": [CAR, BUS]},
     "hide_rows": {"rows": [[3, 2], [9, 4]]},
@@ -107,6 +108,7 @@ def _rich_scene() -> Scene:
         (SIGN, 0, _fill_box(rng, 20, [0.4, 0.1, 0.4], [-1.0, 3.0, 1.8])),
         (TAXI, 1, _fill_box(rng, 40, [1.8, 4.0, 1.4], [0.0, 0.0, 0.0])),
         (BUS, 2, _fill_box(rng, 40, [2.4, 8.0, 3.0], [0.0, 0.0, 0.0])),
+        (0, 0, _fill_box(rng, 80, [0.5, 0.5, 0.6], [3.0, 3.0, 0.45])),
     ]
     means = np.concatenate([points for _, _, points in parts])
     ids = np.concatenate([np.full(len(points), number, np.uint32) for number, _, points in parts])
