@@ -45,7 +45,7 @@ _CELL = 50.0
 """Metres of ground in a chunk; splatsim's own exporter does the same."""
 _MOST_SPLATS = 200_000
 _ALIGNMENT = 64
-"""Of members of a USDZ, bytes."""
+"""Members of a USDZ begin at multiples of so many bytes."""
 _OBJECT_FROM_BOX = np.c_[BOX_FROM_FORWARD_X.T, np.zeros(3)]
 _PADDING = 0x1986
 """Kind of a member's extra field that readers pass over."""
