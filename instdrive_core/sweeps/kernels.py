@@ -201,11 +201,14 @@ def walk_rays(
                         if light < 0.5:
                             end = depths[k] + np.float32(BEHIND)
                             break
-            light, found = np.float32(1.0), -1
+            light, found, depth = np.float32(1.0), -1, np.float32(0.0)
             for k in range(held):
-                light *= 1 - weights[k]
-                if found < 0 and light < 0.5:
-                    found = k
+                dimmed = light * (1 - weights[k])
+                if found < 0 and dimmed < 0.5:
+                    found, depth = k, depths[k]
+                    if k:  # between this splat and the one before, by the light that is gone at each
+                        depth -= (depths[k] - depths[k - 1]) * (np.float32(0.5) - dimmed) / (light - dimmed)
+                light = dimmed
             opacities[ray] = 1 - light
             if found >= 0:
-                ranges[ray], hits[ray] = depths[found], rows[found]
+                ranges[ray], hits[ray] = depth, rows[found]
