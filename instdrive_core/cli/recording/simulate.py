@@ -1,0 +1,52 @@
+"""``instdrive simulate``: the edited drive recorded again, as sensor data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from instdrive_core.cli.share_progress import show_share
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.project.open import open_document
+from instdrive_core.recording.plan import RecordOptions, plan_views
+from instdrive_core.recording.record import Drive, record_drive
+from instdrive_core.recording.things import find_moves
+from instdrive_core.wording import format_count
+
+
+def simulate_drive(
+    scene: tyro.conf.Positional[Path],
+    *,
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
+    cameras: tuple[str, ...] = (),
+    first: str | None = None,
+    last: str | None = None,
+    width: int | None = None,
+) -> None:
+    """Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.
+
+    Stopped at any moment, the same command goes on where it was.
+
+    Args:
+        scene: Run or scene folder, or a project on one: what its edits made of the drive.
+        out: Folder to record into; new, or one in which the same recording was begun.
+        cameras: Only these cameras, e.g. front_camera left_camera.
+        first: First time step to record, e.g. 30, or seconds since the drive's first, e.g. 3s.
+        last: Last time step or second, inclusive.
+        width: Width of the pictures in pixels; default: as in training.
+    """
+    document, _ = open_document(scene)
+    edited = bake_document(document, to_read=True)
+    options = RecordOptions(cameras, _read_moment(first), _read_moment(last), width)
+    drive = Drive(edited, plan_views(edited, options), find_moves(document))
+    with show_share("recording"):
+        manifest = record_drive(out, drive)
+    boxed = sum(entry["has_box"] for entry in manifest["instances"])
+    counts = format_count(len(manifest["views"]), "view"), format_count(len(manifest["moments"]), "moment")
+    print(f"{out}: {counts[0]}, {counts[1]}, {format_count(boxed, 'boxed thing')}")
+
+
+def _read_moment(text: str | None) -> int | str | None:
+    return int(text) if text is not None and text.strip().isdecimal() else text

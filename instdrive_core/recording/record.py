@@ -1,0 +1,183 @@
+"""Records a drive into a folder, view by view; what is there already is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from instdrive_core.errors import DataError
+from instdrive_core.files.file_lock import FileLock
+from instdrive_core.progress import report
+from instdrive_core.recording.boxes import describe_box, place_boxes
+from instdrive_core.recording.folder import (
+    FORMAT,
+    LOCK,
+    MANIFEST,
+    PLAN,
+    VERSION,
+    check_folder,
+    list_missing,
+    name_file,
+    name_moment,
+    write_listing,
+    write_view,
+)
+from instdrive_core.recording.plan import compute_fingerprint, describe_view
+from instdrive_core.recording.things import Thing, find_boxed_things, is_stuff, label_groups
+from instdrive_core.recording.views import number_classes, record_view
+from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.track import Track
+from instdrive_core.scene.transforms import Similarity
+
+CONVENTIONS = {
+    "length": "metres, or the clip's own unit where its scale is unknown",
+    "world": "right-handed, z up; add 'origin' for the data set's world",
+    "camera": "OpenCV: x right, y down, z forward; pixel centres lie at +0.5",
+    "box": "rotation is world from box, a quaternion w, x, y, z; in the box x is right, y forward, z up",
+    "heading_known": "false: y is the longer side, one way or the other",
+    "from": "track: the actor's; annotation: the clip's; splats: fitted to what is drawn",
+    "box_visible, box_amodal": "x, y, width, height in pixels; amodal as if nothing stood in front, cut at the picture",
+    "visibility": "visible pixels as a share of those of the whole silhouette inside the picture",
+    "depth": "along the viewing axis; .png in millimetres (0 = nothing, 65535 = that or farther), .npz in metres",
+    "time": "seconds since the clip's first time step",
+}
+"""Conventions that every manifest states."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """An edited scene as it is recorded."""
+
+    scene: Scene
+    """The edited scene, with its tracks."""
+    views: tuple[CameraView, ...]
+    """By time step, then by camera."""
+    moves: Mapping[int, Similarity] | None = None
+    """How edits moved instances, as `find_moves` gives it."""
+    annotated: tuple[Track, ...] = ()
+    """Boxes of the drive's annotations, for what stands still."""
+
+
+def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
+    """Record all views and moments of a drive, and return the manifest, which is written last.
+
+    A folder in which the same drive was begun is finished: views that are whole are kept. Stopping at any moment
+    leaves whole files only.
+
+    Raises DataError where the folder cannot be written, holds something else, or another program records into it.
+    """
+    scene, views = drive.scene, drive.views
+    plan = {
+        "format": FORMAT,
+        "version": VERSION,
+        "scene": compute_fingerprint(scene),
+        "views": [describe_view(view) for view in views],
+    }
+    begun = check_folder(folder, plan)
+    held = _lock_folder(folder)
+    try:
+        things = find_boxed_things(scene, drive.moves, drive.annotated)
+        if not begun:
+            write_listing(folder / PLAN, plan)
+        missing = list_missing(folder, views)
+        if missing:
+            _remove_manifest(folder)
+        _record_views(folder, scene, views, missing, things)
+        _write_moments(folder, scene, views, things)
+        manifest = _describe_recording(scene, views, things)
+        write_listing(folder / MANIFEST, manifest)
+        return manifest
+    finally:
+        held.release()
+        (folder / LOCK).unlink(missing_ok=True)
+
+
+def _lock_folder(folder: Path) -> FileLock:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = FileLock.acquire(folder / LOCK)
+    except OSError as error:
+        problem = f"the folder cannot be written ({error.strerror or error})"
+        raise DataError(folder, problem, "Free some space or choose another place") from error
+    if held is None:
+        raise DataError(folder, "another program is recording into it", "Wait for that, or name another folder")
+    return held
+
+
+def _remove_manifest(folder: Path) -> None:
+    try:
+        (folder / MANIFEST).unlink(missing_ok=True)
+    except OSError as error:
+        problem = f"the manifest of an unfinished recording cannot be removed ({error.strerror or error})"
+        raise DataError(folder / MANIFEST, problem, "Choose a folder that can be written") from error
+
+
+def _record_views(
+    folder: Path, scene: Scene, views: Sequence[CameraView], missing: Sequence[CameraView], things: Sequence[Thing]
+) -> None:
+    """Draw view after view; files are packed and written meanwhile."""
+    groups, classes = label_groups(things, len(scene)), number_classes(scene)
+    packed = int(scene.instance_ids.max(initial=0)) > np.iinfo(np.uint16).max
+    before = len(views) - len(missing)
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        waiting: Future[None] | None = None
+        for number, view in enumerate(missing):
+            report((before + number) / len(views))
+            recorded = record_view(scene, view, things, groups, classes)
+            if waiting is not None:
+                waiting.result()
+            waiting = pool.submit(write_view, folder, recorded, packed)
+        if waiting is not None:
+            waiting.result()
+    report(1.0)
+
+
+def _write_moments(folder: Path, scene: Scene, views: Sequence[CameraView], things: Sequence[Thing]) -> None:
+    for step, time in _list_moments(views).items():
+        boxes = [describe_box(box) for box in place_boxes(scene, things, time)]
+        write_listing(folder / name_moment(step), {"step": step, "time": time, "boxes": boxes})
+
+
+def _list_moments(views: Sequence[CameraView]) -> dict[int, float]:
+    moments: dict[int, float] = {}
+    for view in views:
+        moments.setdefault(view.index, view.time)
+    return moments
+
+
+def _describe_recording(scene: Scene, views: Sequence[CameraView], things: Sequence[Thing]) -> dict[str, Any]:
+    boxed = {thing.instance.id for thing in things}
+    classes = number_classes(scene)
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "conventions": CONVENTIONS,
+        "origin": scene.origin.tolist(),
+        "cameras": list(dict.fromkeys(view.name for view in views)),
+        "classes": [{"number": number, "name": name} for name, number in classes.items()],
+        "instances": [
+            {
+                "id": instance.id,
+                "name": instance.name,
+                "class": instance.class_name,
+                "class_number": classes.get(instance.class_name, 0),
+                "is_thing": not is_stuff(instance),
+                "has_box": instance.id in boxed,
+                "color": list(instance.color),
+            }
+            for instance in scene.table
+        ],
+        "moments": [
+            {"step": step, "time": time, "file": name_moment(step)} for step, time in _list_moments(views).items()
+        ],
+        "views": [
+            describe_view(view) | {"file": name_file("views", view, ".json"), "color": name_file("color", view, ".png")}
+            for view in views
+        ],
+    }
