@@ -30,6 +30,8 @@ class RecordOptions:
     """Last time step or second, inclusive."""
     width: int | None = None
     """Pixels; default: as in training. The height follows."""
+    exposed: bool = False
+    """Whether colours get the exposures of the training photos; else they are the scene's own, as in the editor."""
 
 
 def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:

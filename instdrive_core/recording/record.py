@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.files.file_lock import FileLock
 from instdrive_core.progress import report
 from instdrive_core.recording.boxes import describe_box, place_boxes
+from instdrive_core.recording.drive import Drive
 from instdrive_core.recording.folder import (
     FORMAT,
     LOCK,
@@ -32,8 +32,6 @@ from instdrive_core.recording.things import Thing, find_boxed_things, is_stuff, 
 from instdrive_core.recording.views import number_classes, record_view
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
-from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import Similarity
 
 CONVENTIONS = {
     "length": "metres, or the clip's own unit where its scale is unknown",
@@ -50,20 +48,6 @@ CONVENTIONS = {
 """Conventions that every manifest states."""
 
 
-@dataclass(frozen=True)
-class Drive:
-    """An edited scene as it is recorded."""
-
-    scene: Scene
-    """The edited scene, with its tracks."""
-    views: tuple[CameraView, ...]
-    """By time step, then by camera."""
-    moves: Mapping[int, Similarity] | None = None
-    """How edits moved instances, as `find_moves` gives it."""
-    annotated: tuple[Track, ...] = ()
-    """Boxes of the drive's annotations, for what stands still."""
-
-
 def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
     """Record all views and moments of a drive, and return the manifest, which is written last.
 
@@ -77,6 +61,7 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
         "format": FORMAT,
         "version": VERSION,
         "scene": compute_fingerprint(scene),
+        "exposed": drive.exposed,
         "views": [describe_view(view) for view in views],
     }
     begun = check_folder(folder, plan)
@@ -88,7 +73,7 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
         missing = list_missing(folder, views)
         if missing:
             _remove_manifest(folder)
-        _record_views(folder, scene, views, missing, things)
+        _record_views(folder, drive, missing, things)
         _write_moments(folder, scene, views, things)
         manifest = _describe_recording(scene, views, things)
         write_listing(folder / MANIFEST, manifest)
@@ -118,10 +103,9 @@ def _remove_manifest(folder: Path) -> None:
         raise DataError(folder / MANIFEST, problem, "Choose a folder that can be written") from error
 
 
-def _record_views(
-    folder: Path, scene: Scene, views: Sequence[CameraView], missing: Sequence[CameraView], things: Sequence[Thing]
-) -> None:
+def _record_views(folder: Path, drive: Drive, missing: Sequence[CameraView], things: Sequence[Thing]) -> None:
     """Draw view after view; files are packed and written meanwhile."""
+    scene, views = drive.scene, drive.views
     groups, classes = label_groups(things, len(scene)), number_classes(scene)
     packed = int(scene.instance_ids.max(initial=0)) > np.iinfo(np.uint16).max
     before = len(views) - len(missing)
@@ -129,7 +113,7 @@ def _record_views(
         waiting: Future[None] | None = None
         for number, view in enumerate(missing):
             report((before + number) / len(views))
-            recorded = record_view(scene, view, things, groups, classes)
+            recorded = record_view(scene, view, things, groups, classes, drive.exposed)
             if waiting is not None:
                 waiting.result()
             waiting = pool.submit(write_view, folder, recorded, packed)

@@ -15,6 +15,7 @@ from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.rasterize.silhouettes import Silhouettes, measure_silhouettes
 from instdrive_core.recording.things import Thing
 from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 
 COVERED = 0.5
@@ -44,7 +45,12 @@ def number_classes(scene: Scene) -> dict[str, int]:
 
 
 def record_view(
-    scene: Scene, view: CameraView, things: Sequence[Thing], groups: Int32[ndarray, " n"], class_numbers: dict[str, int]
+    scene: Scene,
+    view: CameraView,
+    things: Sequence[Thing],
+    groups: Int32[ndarray, " n"],
+    class_numbers: dict[str, int],
+    exposed: bool = False,
 ) -> RecordedView:
     """Record what a camera shows of the scene at the view's time.
 
@@ -52,8 +58,12 @@ def record_view(
         things: all boxed instances, as `find_boxed_things` gives them.
         groups: their splats, as `label_groups` gives them.
         class_numbers: as `number_classes` gives them.
+        exposed: whether the colour gets the exposure of the camera's training photos.
     """
     shown = view_scene(scene, view.camera, view.time)
+    color = shown.color
+    if exposed and scene.exposures is not None:
+        color = apply_exposure(color, scene.exposures.interpolate(view.name, view.time))
     ids = build_instance_map(scene, shown)
     by_id = np.zeros(int(max(scene.table.instances, default=0)) + 1, np.uint16)
     for instance in scene.table:
@@ -61,7 +71,7 @@ def record_view(
     found = measure_silhouettes(scene, groups, len(things), view.camera, view.time)
     return RecordedView(
         view=view,
-        color=np.round(np.clip(shown.color, 0, 1) * 255).astype(np.uint8),
+        color=np.round(np.clip(color, 0, 1) * 255).astype(np.uint8),
         instances=ids,
         classes=by_id[ids],
         depth=np.where(shown.alpha >= COVERED, shown.depth, np.float32(0)),

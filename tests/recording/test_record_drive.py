@@ -17,9 +17,10 @@ from instdrive_core.files import atomic
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.progress import CancelledError, report_to
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
+from instdrive_core.recording.drive import Drive
 from instdrive_core.recording.folder import MANIFEST, is_view_whole, read_color, read_id_map, read_manifest
 from instdrive_core.recording.plan import RecordOptions, plan_views
-from instdrive_core.recording.record import Drive, record_drive
+from instdrive_core.recording.record import record_drive
 
 
 def make_scene():

@@ -8,11 +8,9 @@ from typing import Annotated
 import tyro
 
 from instdrive_core.cli.share_progress import show_share
-from instdrive_core.edits.queries.bake import bake_document
-from instdrive_core.project.open import open_document
-from instdrive_core.recording.plan import RecordOptions, plan_views
-from instdrive_core.recording.record import Drive, record_drive
-from instdrive_core.recording.things import find_moves
+from instdrive_core.recording.drive import open_drive
+from instdrive_core.recording.plan import RecordOptions
+from instdrive_core.recording.record import record_drive
 from instdrive_core.wording import format_count
 
 
@@ -24,6 +22,7 @@ def simulate_drive(
     first: str | None = None,
     last: str | None = None,
     width: int | None = None,
+    expose: bool = False,
 ) -> None:
     """Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.
 
@@ -36,11 +35,11 @@ def simulate_drive(
         first: First time step to record, e.g. 30, or seconds since the drive's first, e.g. 3s.
         last: Last time step or second, inclusive.
         width: Width of the pictures in pixels; default: as in training.
+        expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.
     """
-    document, _ = open_document(scene)
-    edited = bake_document(document, to_read=True)
-    options = RecordOptions(cameras, _read_moment(first), _read_moment(last), width)
-    drive = Drive(edited, plan_views(edited, options), find_moves(document))
+    drive = open_drive(scene, RecordOptions(cameras, _read_moment(first), _read_moment(last), width, expose))
+    for note in drive.notes:
+        print(note)
     with show_share("recording"):
         manifest = record_drive(out, drive)
     boxed = sum(entry["has_box"] for entry in manifest["instances"])
