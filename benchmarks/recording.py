@@ -36,6 +36,7 @@ from instdrive_core.datasets.synthetic.units import StreetUnits
 from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.errors import InstDriveError
@@ -58,7 +59,7 @@ from instdrive_core.training.settings.config import Preset
 SHIFT = 3.0
 """Metres by which cars are moved."""
 CHANGED = 10
-"""Of 255: a pixel whose colour differs by more was changed by the edits."""
+"""Steps of 255: a pixel whose colour differs by more was changed by the edits."""
 LEAST_SEEN = 100
 """Pixels from which an instance of a photo counts, as in `eval`."""
 
@@ -72,7 +73,7 @@ class Options:
     folder: Path | None = None
     """Where street, run and recordings are kept; default: a temporary folder."""
     preset: Preset = "quick"
-    views: int = 12
+    views: int = 18
     """Photos of the edited street that are compared."""
 
 
@@ -100,9 +101,10 @@ def _measure_round_trip(folder: Path, drive: Drive, clip: Clip) -> dict[str, Any
     recorded = [view.with_map(_read_ids(folder, view.frame.view)) for view in held_out]
     evaluated = [view.with_ids(drive.scene.instance_ids) for view in held_out]
     owners = _match_instances(folder, clip, drive.scene)
+    drawn = float(np.mean([view.psnr for view in held_out if view.psnr is not None]))
     return {
         "psnr": round(float(np.mean(photos)), 2),
-        "psnr_gap": round(float(np.mean([view.psnr for view in held_out])) - float(np.mean(photos)), 3),
+        "psnr_gap": round(drawn - float(np.mean(photos)), 3),
         **_measure_boxes(drive, clip, owners, "box_iou"),
         **_measure_boxes(replace(drive, annotated=()), clip, owners, "box_iou_fitted"),
         "mask_miou": _round(score_views(recorded)["miou"]),
@@ -236,18 +238,24 @@ def _edit_both(street: Street, document: Document, owners: dict[str, int], durat
     for number in moves:
         poses = [known.world_from_street() @ known.box_pose(known.actors[number], 0.0) for known in (street, edited)]
         x, y, z = (poses[1] - poses[0])[:3, 3].tolist()
-        document.apply(MoveInstances((owner[number],), (x, y, z)))
-    document.apply(DeleteInstances((owner[gone],)))
-    left = report_deletion(document, (owner[gone],), 0.0)
-    for edit in (left.make_absorb_edit(), left.make_fill_edit()):
-        if edit is not None:
-            document.apply(edit)
+        stands = not street.actors[number].route.speed
+        _clean_up(document, owner[number], MoveInstances((owner[number],), (x, y, z)), stands)
+    _clean_up(document, owner[gone], DeleteInstances((owner[gone],)), True)
     # Its number stays taken, so that the others keep theirs: what was deleted is put far below the street.
     whole = street.actors[gone].model
     actors[gone] = replace(street.actors[gone], model=lambda metres: whole(metres).transform(_below()))
     return _Edited(
         replace(street, actors=tuple(actors)), document, {number: owner[number] for number in moves}, (gone, *moves)
     )
+
+
+def _clean_up(document: Document, instance: int, edit: Edit, fills: bool) -> None:
+    """Take a thing away by an edit, and do what the editor offers about what that leaves."""
+    left = report_deletion(document, (instance,), 0.0) if fills else None
+    document.apply(edit)
+    for cleaning in () if left is None else (left.make_absorb_edit(), left.make_fill_edit()):
+        if cleaning is not None:
+            document.apply(cleaning)
 
 
 def _below() -> ndarray:
@@ -276,16 +284,18 @@ def _has_room(street: Street, number: int, shift: float, gone: int, duration: fl
 
 
 def _choose_views(clip: Clip, street: Street, touched: tuple[int, ...], count: int) -> list[CameraView]:
-    """The photos with the most true pixels of what is edited, the same number for each thing."""
+    """Photos of what is edited, the same number for each thing, from those that show most of it to those that show
+    least."""
     truth, chosen = find_ground_truth(clip), dict[tuple[str, int], CameraView]()
     ids = [street.actor_id(number) for number in touched]
     areas = np.array([[int((labels == one).sum()) for one in ids] for labels in map(truth.load, clip.frames)])
     for column in range(len(ids)):
-        best = np.argsort(-areas[:, column], kind="stable")[:: max(1, len(areas) // 60)][: count // len(ids)]
-        for place in best.tolist():
+        order = np.argsort(-areas[:, column], kind="stable")
+        order = order[areas[order, column] >= LEAST_SEEN]
+        spread = np.linspace(0, max(len(order) - 1, 0), min(count // len(ids), len(order))).round().astype(int)
+        for place in order[spread].tolist():
             view = clip.frames[place].view
-            if areas[place, column] >= LEAST_SEEN:
-                chosen[view.name, view.index] = view
+            chosen[view.name, view.index] = view
     return list(chosen.values())
 
 

@@ -28,6 +28,7 @@ from instdrive_core.recording.folder import (
     write_view,
 )
 from instdrive_core.recording.plan import compute_fingerprint, describe_view
+from instdrive_core.recording.sweep_files import CastSweep, name_sweep, write_moment_sweep
 from instdrive_core.recording.things import Thing, find_boxed_things, is_stuff, label_groups
 from instdrive_core.recording.views import number_classes, record_view
 from instdrive_core.scene.camera import CameraView
@@ -48,11 +49,16 @@ CONVENTIONS = {
 """Conventions that every manifest states."""
 
 
-def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
+def record_drive(folder: Path, drive: Drive, cast_sweep: CastSweep | None = None) -> dict[str, Any]:
     """Record all views and moments of a drive, and return the manifest, which is written last.
 
     A folder in which the same drive was begun is finished: views that are whole are kept. Stopping at any moment
     leaves whole files only.
+
+    Args:
+        folder: new, or one in which the same drive was begun.
+        drive: what is recorded.
+        cast_sweep: casts the LiDAR's sweep of a moment; without it there is no LiDAR.
 
     Raises DataError where the folder cannot be written, holds something else, or another program records into it.
     """
@@ -62,6 +68,7 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
         "version": VERSION,
         "scene": compute_fingerprint(scene),
         "exposed": drive.exposed,
+        "lidar": cast_sweep is not None,
         "views": [describe_view(view) for view in views],
     }
     begun = check_folder(folder, plan)
@@ -75,6 +82,8 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
             _remove_manifest(folder)
         _record_views(folder, drive, missing, things)
         _write_moments(folder, scene, views, things)
+        if cast_sweep is not None:
+            _record_sweeps(folder, views, cast_sweep)
         manifest = _describe_recording(scene, views, things)
         write_listing(folder / MANIFEST, manifest)
         return manifest
@@ -126,6 +135,14 @@ def _write_moments(folder: Path, scene: Scene, views: Sequence[CameraView], thin
     for step, time in _list_moments(views).items():
         boxes = [describe_box(box) for box in place_boxes(scene, things, time)]
         write_listing(folder / name_moment(step), {"step": step, "time": time, "boxes": boxes})
+
+
+def _record_sweeps(folder: Path, views: Sequence[CameraView], cast_sweep: CastSweep) -> None:
+    """Cast the sweeps that are not there yet; a file that is there is whole."""
+    for step, time in _list_moments(views).items():
+        path = folder / name_sweep(step)
+        if not path.is_file():
+            write_moment_sweep(path, cast_sweep(step, time))
 
 
 def _list_moments(views: Sequence[CameraView]) -> dict[int, float]:

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
 from instdrive_core.cli.share_progress import show_share
 from instdrive_core.recording.drive import open_drive
+from instdrive_core.recording.layouts import write_recorded_layout
 from instdrive_core.recording.plan import RecordOptions
 from instdrive_core.recording.record import record_drive
 from instdrive_core.wording import format_count
+
+Layout = Literal[
+    "pandaset",
+    "nuscenes",
+    "t4",
+    "kitti-tracking",
+    "kitti-raw",
+    "kitti-360",
+    "argoverse",
+    "waymo",
+    "drivestudio",
+    "coco",
+]
 
 
 def simulate_drive(
@@ -23,6 +37,7 @@ def simulate_drive(
     last: str | None = None,
     width: int | None = None,
     expose: bool = False,
+    layout: tuple[Layout, ...] = (),
 ) -> None:
     """Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.
 
@@ -35,6 +50,7 @@ def simulate_drive(
         first: First time step to record, e.g. 30, or seconds since the drive's first, e.g. 3s.
         last: Last time step or second, inclusive.
         width: Width of the pictures in pixels; default: as in training.
+        layout: Write the recording in layouts of data sets, too, each into OUT/layouts/NAME.
         expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.
     """
     drive = open_drive(scene, RecordOptions(cameras, _read_moment(first), _read_moment(last), width, expose))
@@ -42,9 +58,15 @@ def simulate_drive(
         print(note)
     with show_share("recording"):
         manifest = record_drive(out, drive)
+    opened = {}
+    for name in dict.fromkeys(layout):
+        with show_share(name):
+            opened[name] = write_recorded_layout(out, name)
     boxed = sum(entry["has_box"] for entry in manifest["instances"])
     counts = format_count(len(manifest["views"]), "view"), format_count(len(manifest["moments"]), "moment")
     print(f"{out}: {counts[0]}, {counts[1]}, {format_count(boxed, 'boxed thing')}")
+    for name, place in opened.items():
+        print(f"{name}: {place}")
 
 
 def _read_moment(text: str | None) -> int | str | None:
