@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Int64
+from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.bake import bake_document
@@ -17,8 +19,18 @@ from instdrive_core.recording.plan import RecordOptions, plan_views
 from instdrive_core.recording.things import find_moves
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import Similarity
+
+
+@dataclass(frozen=True)
+class Photographed:
+    """The scene as the photos saw it: nothing deleted, everything in its place."""
+
+    scene: Scene
+    rows: Int64[ndarray, " n"]
+    """Row there of each splat of the edited scene."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +47,10 @@ class Drive:
     """Boxes of the drive's annotations, for what stands still."""
     exposed: bool = False
     """Whether colours get the exposures of the training photos, where the scene knows them."""
+    flow: bool = False
+    """Whether optical flow is recorded."""
+    photographed: Photographed | None = None
+    """What photos saw of the scene, where confidence is recorded."""
     notes: tuple[str, ...] = ()
     """What the user should know."""
 
@@ -58,4 +74,7 @@ def take_drive(document: Document, options: RecordOptions) -> Drive:
     if annotated and not np.array_equal(document.orientation, np.eye(3, 4)):
         annotated, note = (), "the scene was turned, so boxes of standing things are fitted to their splats"
     notes = (note,) if note else ()
-    return Drive(edited, views, find_moves(document), annotated, options.exposed, notes)
+    left = document.state.find_mask(Flag.DELETED)
+    seen = Photographed(document.scene, np.flatnonzero(~left)) if options.confidence or options.ego else None
+    moves = find_moves(document)
+    return Drive(edited, views, moves, annotated, options.exposed, options.flow, seen, notes)

@@ -8,6 +8,9 @@ Layout::
     classes/<camera>/NN.png       numbers of the manifest's classes: 16-bit grey, 0 = none
     depth/<camera>/NN.png         millimetres along the viewing axis: 16-bit grey, 0 = nothing, 65535 = that or farther
     depth/<camera>/NN.npz         'depth': the same in metres, float32, without an end
+    flow/<camera>/NN.npz          'flow': pixels right and down to the camera's next picture, 'valid'; on request
+    confidence/<camera>/NN.png    255 = all that is shown was seen by enough photos: 8-bit grey; on request
+    lidar/NN.npz                  'points', 'intensity', 'times', 'instances', 'world_from_lidar'; where sweeps are cast
     views/<camera>/NN.json        camera, 2D boxes and visibility; names the view's files and their sizes
     moments/NN.json               3D boxes
     recording.json                the manifest: conventions, instances, classes, all views; written last
@@ -18,6 +21,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +79,14 @@ def write_view(folder: Path, recorded: RecordedView, packed: bool) -> None:
     write("classes", ".png", _encode_png(recorded.classes))
     write("depth", ".png", _encode_png(millimetres))
     write("depth", ".npz", _encode_arrays(depth=recorded.depth))
-    content = describe_view(view) | {"files": sizes, "objects": list(recorded.objects)}
+    if recorded.flow is not None:
+        write("flow", ".npz", _encode_arrays(flow=recorded.flow.flow, valid=recorded.flow.valid))
+    facts: dict[str, Any] = {}
+    if recorded.confidence is not None and recorded.confidence_facts is not None:
+        share = np.round(np.clip(recorded.confidence, 0, 1) * 255).astype(np.uint8)
+        write("confidence", ".png", _encode_png(share))
+        facts = {"confidence": asdict(recorded.confidence_facts)}
+    content = describe_view(view) | facts | {"files": sizes, "objects": list(recorded.objects)}
     write_listing(folder / name_file("views", view, ".json"), content)
 
 

@@ -12,6 +12,7 @@ from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.errors import OptionError
 from instdrive_core.masks.export.id_maps import choose_views
+from instdrive_core.recording.ego_path import EgoChange, reroute_views
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 
@@ -32,6 +33,12 @@ class RecordOptions:
     """Pixels; default: as in training. The height follows."""
     exposed: bool = False
     """Whether colours get the exposures of the training photos; else they are the scene's own, as in the editor."""
+    flow: bool = False
+    """Whether optical flow is recorded."""
+    ego: tuple[EgoChange, ...] = ()
+    """Changes of the recording car's way; with any, confidence is recorded, too."""
+    confidence: bool = False
+    """Whether confidence maps are recorded."""
 
 
 def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
@@ -48,7 +55,8 @@ def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
     asked = options.cameras or names
     times = {view.index: view.time for view in views}
     is_asked = build_range_test(ClipOptions(first_frame=options.first, last_frame=options.last), times)
-    chosen = [view for view in views if view.name in asked and is_asked(view.index)]
+    moved = reroute_views(views, options.ego)
+    chosen = [view for view in moved if view.name in asked and is_asked(view.index)]
     if not chosen:
         raise OptionError(f"no photo lies in the chosen part; there are the time steps {describe_steps(times)}")
     if options.width is not None and not 8 <= options.width <= LARGEST:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
+from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.files.file_lock import FileLock
-from instdrive_core.progress import report
+from instdrive_core.progress import report, report_span
 from instdrive_core.recording.boxes import describe_box, place_boxes
+from instdrive_core.recording.confidence import PHOTOS, count_seeing_photos
 from instdrive_core.recording.drive import Drive
 from instdrive_core.recording.folder import (
     FORMAT,
@@ -28,9 +32,10 @@ from instdrive_core.recording.folder import (
     write_view,
 )
 from instdrive_core.recording.plan import compute_fingerprint, describe_view
+from instdrive_core.recording.report import summarize_recording, write_recording_report
 from instdrive_core.recording.sweep_files import CastSweep, name_sweep, write_moment_sweep
 from instdrive_core.recording.things import Thing, find_boxed_things, is_stuff, label_groups
-from instdrive_core.recording.views import number_classes, record_view
+from instdrive_core.recording.views import ViewRecorder, number_classes
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 
@@ -43,10 +48,16 @@ CONVENTIONS = {
     "from": "track: the actor's; annotation: the clip's; splats: fitted to what is drawn",
     "box_visible, box_amodal": "x, y, width, height in pixels; amodal as if nothing stood in front, cut at the picture",
     "visibility": "visible pixels as a share of those of the whole silhouette inside the picture",
+    "flow": "pixels right and down to where the surface is in the camera's next picture, hidden there or not",
+    "confidence": "share of the weight from splats that at least 2 training photos saw; 255 is all of it",
     "depth": "along the viewing axis; .png in millimetres (0 = nothing, 65535 = that or farther), .npz in metres",
     "time": "seconds since the clip's first time step",
 }
 """Conventions that every manifest states."""
+
+
+_COUNTING = 0.2
+"""Share of the time that looking through all photos takes, where confidence is recorded."""
 
 
 def record_drive(folder: Path, drive: Drive, cast_sweep: CastSweep | None = None) -> dict[str, Any]:
@@ -68,6 +79,8 @@ def record_drive(folder: Path, drive: Drive, cast_sweep: CastSweep | None = None
         "version": VERSION,
         "scene": compute_fingerprint(scene),
         "exposed": drive.exposed,
+        "flow": drive.flow,
+        "confidence": drive.photographed is not None,
         "lidar": cast_sweep is not None,
         "views": [describe_view(view) for view in views],
     }
@@ -84,12 +97,14 @@ def record_drive(folder: Path, drive: Drive, cast_sweep: CastSweep | None = None
         _write_moments(folder, scene, views, things)
         if cast_sweep is not None:
             _record_sweeps(folder, views, cast_sweep)
-        manifest = _describe_recording(scene, views, things)
+        manifest = _describe_recording(scene, views, things) | summarize_recording(folder, views)
+        write_recording_report(folder, manifest)
         write_listing(folder / MANIFEST, manifest)
         return manifest
     finally:
+        with suppress(OSError):  # Windows removes no open file
+            (folder / LOCK).unlink()
         held.release()
-        (folder / LOCK).unlink(missing_ok=True)
 
 
 def _lock_folder(folder: Path) -> FileLock:
@@ -114,15 +129,54 @@ def _remove_manifest(folder: Path) -> None:
 
 def _record_views(folder: Path, drive: Drive, missing: Sequence[CameraView], things: Sequence[Thing]) -> None:
     """Draw view after view; files are packed and written meanwhile."""
+    if not missing:
+        report(1.0)
+        return
     scene, views = drive.scene, drive.views
+    with report_span(0.0, _COUNTING if drive.photographed is not None else 0.0):
+        trusted = _find_trusted(drive)
     groups, classes = label_groups(things, len(scene)), number_classes(scene)
+    recorder = ViewRecorder(scene, things, groups, classes, drive.exposed, trusted)
+    following = _list_following(views) if drive.flow else {}
+    with report_span(_COUNTING if drive.photographed is not None else 0.0, 1.0):
+        _draw_views(folder, recorder, missing, len(views), following)
+
+
+def _find_trusted(drive: Drive) -> Bool[ndarray, " n"] | None:
+    """Splats of the edited scene that enough photos saw; None where no confidence is asked for."""
+    known = drive.photographed
+    if known is None:
+        return None
+    counts = count_seeing_photos(known.scene, [view for view in known.scene.views if not view.held_out])
+    return counts[known.rows] >= PHOTOS
+
+
+def _list_following(views: Sequence[CameraView]) -> dict[tuple[str, int], CameraView]:
+    """The next view of the same camera, by camera and step."""
+    last: dict[str, CameraView] = {}
+    found: dict[tuple[str, int], CameraView] = {}
+    for view in views:
+        if view.name in last:
+            found[view.name, last[view.name].index] = view
+        last[view.name] = view
+    return found
+
+
+def _draw_views(
+    folder: Path,
+    recorder: ViewRecorder,
+    missing: Sequence[CameraView],
+    count: int,
+    following: Mapping[tuple[str, int], CameraView],
+) -> None:
+    scene = recorder.scene
     packed = int(scene.instance_ids.max(initial=0)) > np.iinfo(np.uint16).max
-    before = len(views) - len(missing)
+    before = count - len(missing)
     with ThreadPoolExecutor(max_workers=1) as pool:
         waiting: Future[None] | None = None
         for number, view in enumerate(missing):
-            report((before + number) / len(views))
-            recorded = record_view(scene, view, things, groups, classes, drive.exposed)
+            report((before + number) / count)
+            recorded = recorder.record(view, following.get((view.name, view.index)))
             if waiting is not None:
                 waiting.result()
             waiting = pool.submit(write_view, folder, recorded, packed)

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8, UInt16, UInt32
+from jaxtyping import Bool, Float32, Int32, UInt8, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.masks.export.coco_panoptic import measure_segments
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.rasterize.silhouettes import Silhouettes, measure_silhouettes
+from instdrive_core.recording.confidence import ConfidenceFacts, draw_confidence, summarize_confidence
+from instdrive_core.recording.flow import FlowField, compute_flow
 from instdrive_core.recording.things import Thing
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.exposure import apply_exposure
@@ -36,6 +38,11 @@ class RecordedView:
     """Metres along the viewing axis; 0 where nothing is, such as in the sky."""
     objects: tuple[dict[str, Any], ...]
     """2D boxes and visibility of every instance that is seen, or would be with nothing in front."""
+    flow: FlowField | None = None
+    """Motion to the same camera's next picture; None where none was asked for, or there is no next one."""
+    confidence: Float32[ndarray, "h w"] | None = None
+    """Share of each pixel's weight from splats that enough photos saw; None where none was asked for."""
+    confidence_facts: ConfidenceFacts | None = None
 
 
 def number_classes(scene: Scene) -> dict[str, int]:
@@ -44,39 +51,48 @@ def number_classes(scene: Scene) -> dict[str, int]:
     return {name: number for number, name in enumerate(names, start=1)}
 
 
-def record_view(
-    scene: Scene,
-    view: CameraView,
-    things: Sequence[Thing],
-    groups: Int32[ndarray, " n"],
-    class_numbers: dict[str, int],
-    exposed: bool = False,
-) -> RecordedView:
-    """Record what a camera shows of the scene at the view's time.
+@dataclass(frozen=True)
+class ViewRecorder:
+    """Records views of one scene."""
 
-    Args:
-        things: all boxed instances, as `find_boxed_things` gives them.
-        groups: their splats, as `label_groups` gives them.
-        class_numbers: as `number_classes` gives them.
-        exposed: whether the colour gets the exposure of the camera's training photos.
-    """
-    shown = view_scene(scene, view.camera, view.time)
-    color = shown.color
-    if exposed and scene.exposures is not None:
-        color = apply_exposure(color, scene.exposures.interpolate(view.name, view.time))
-    ids = build_instance_map(scene, shown)
-    by_id = np.zeros(int(max(scene.table.instances, default=0)) + 1, np.uint16)
-    for instance in scene.table:
-        by_id[instance.id] = class_numbers.get(instance.class_name, 0)
-    found = measure_silhouettes(scene, groups, len(things), view.camera, view.time)
-    return RecordedView(
-        view=view,
-        color=np.round(np.clip(color, 0, 1) * 255).astype(np.uint8),
-        instances=ids,
-        classes=by_id[ids],
-        depth=np.where(shown.alpha >= COVERED, shown.depth, np.float32(0)),
-        objects=tuple(_describe_objects(scene, ids, things, found)),
-    )
+    scene: Scene
+    things: Sequence[Thing]
+    """All boxed instances, as `find_boxed_things` gives them."""
+    groups: Int32[ndarray, " n"]
+    """Their splats, as `label_groups` gives them."""
+    class_numbers: dict[str, int]
+    """Numbers of classes, as `number_classes` gives them."""
+    exposed: bool = False
+    """Whether colours get the exposures of the training photos."""
+    trusted: Bool[ndarray, " n"] | None = None
+    """Splats that enough photos saw; None where no confidence is asked for."""
+
+    def record(self, view: CameraView, following: CameraView | None = None) -> RecordedView:
+        """Record what a camera shows of the scene at the view's time, with the flow to the `following` view."""
+        scene = self.scene
+        shown = view_scene(scene, view.camera, view.time)
+        color = shown.color
+        if self.exposed and scene.exposures is not None:
+            color = apply_exposure(color, scene.exposures.interpolate(view.name, view.time))
+        ids = build_instance_map(scene, shown)
+        by_id = np.zeros(int(max(scene.table.instances, default=0)) + 1, np.uint16)
+        for instance in scene.table:
+            by_id[instance.id] = self.class_numbers.get(instance.class_name, 0)
+        found = measure_silhouettes(scene, self.groups, len(self.things), view.camera, view.time)
+        covered = shown.alpha >= COVERED
+        depth = np.where(covered, shown.depth, np.float32(0))
+        confidence = None if self.trusted is None else draw_confidence(scene, view, self.trusted)
+        return RecordedView(
+            view=view,
+            color=np.round(np.clip(color, 0, 1) * 255).astype(np.uint8),
+            instances=ids,
+            classes=by_id[ids],
+            depth=depth,
+            objects=tuple(_describe_objects(scene, ids, self.things, found)),
+            flow=None if following is None else compute_flow(scene, view, following, depth, shown.winner),
+            confidence=confidence,
+            confidence_facts=None if confidence is None else summarize_confidence(confidence, covered),
+        )
 
 
 def _describe_objects(

@@ -9,9 +9,11 @@ import tyro
 
 from instdrive_core.cli.share_progress import show_share
 from instdrive_core.recording.drive import open_drive
+from instdrive_core.recording.ego_path import parse_ego_change
 from instdrive_core.recording.layouts import write_recorded_layout
 from instdrive_core.recording.plan import RecordOptions
 from instdrive_core.recording.record import record_drive
+from instdrive_core.recording.report import describe_confidence
 from instdrive_core.wording import format_count
 
 Layout = Literal[
@@ -38,6 +40,10 @@ def simulate_drive(
     width: int | None = None,
     expose: bool = False,
     layout: tuple[Layout, ...] = (),
+    ego: tuple[str, ...] = (),
+    shift: float | None = None,
+    flow: bool = False,
+    confidence: bool = False,
 ) -> None:
     """Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.
 
@@ -50,10 +56,17 @@ def simulate_drive(
         first: First time step to record, e.g. 30, or seconds since the drive's first, e.g. 3s.
         last: Last time step or second, inclusive.
         width: Width of the pictures in pixels; default: as in training.
+        ego: Change the recording car's way: shift=METRES to the left, lane=METRES@SECONDS or lane=METRES@FROM-TO,
+            speed=FACTOR up to 1, stop=SECONDS. Several are done together.
+        shift: Short for --ego shift=METRES.
+        flow: Record optical flow, too.
+        confidence: Record how far each pixel can be trusted, too; on by itself where the car's way is changed.
         layout: Write the recording in layouts of data sets, too, each into OUT/layouts/NAME.
         expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.
     """
-    drive = open_drive(scene, RecordOptions(cameras, _read_moment(first), _read_moment(last), width, expose))
+    changes = tuple(parse_ego_change(text) for text in (*ego, *(() if shift is None else (f"shift={shift:g}",))))
+    part = _read_moment(first), _read_moment(last)
+    drive = open_drive(scene, RecordOptions(cameras, *part, width, expose, flow, changes, confidence))
     for note in drive.notes:
         print(note)
     with show_share("recording"):
@@ -65,6 +78,8 @@ def simulate_drive(
     boxed = sum(entry["has_box"] for entry in manifest["instances"])
     counts = format_count(len(manifest["views"]), "view"), format_count(len(manifest["moments"]), "moment")
     print(f"{out}: {counts[0]}, {counts[1]}, {format_count(boxed, 'boxed thing')}")
+    if manifest["confidence"] is not None:
+        print(describe_confidence(manifest["confidence"]))
     for name, place in opened.items():
         print(f"{name}: {place}")
 
