@@ -15,7 +15,9 @@ from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.project.open import open_document
 from instdrive_core.project.sources import SceneSources
 from instdrive_core.recording.annotations import find_annotated_tracks
-from instdrive_core.recording.plan import RecordOptions, plan_views
+from instdrive_core.recording.lidar import build_sweep_caster, choose_lidar
+from instdrive_core.recording.plan import RecordOptions, plan_rig_views, plan_views
+from instdrive_core.recording.sweep_files import CastSweep
 from instdrive_core.recording.things import find_moves
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
@@ -53,6 +55,8 @@ class Drive:
     """What photos saw of the scene, where confidence is recorded."""
     notes: tuple[str, ...] = ()
     """What the user should know."""
+    cast_sweep: CastSweep | None = None
+    """Casts the LiDAR's sweep of a moment; None where none is recorded."""
 
 
 def open_drive(path: Path, options: RecordOptions) -> Drive:
@@ -69,12 +73,16 @@ def take_drive(document: Document, options: RecordOptions) -> Drive:
     edited = bake_document(document, to_read=True)
     views = plan_views(edited, options)
     annotated, note = (), ""
-    if isinstance(document.open_scene, SceneSources):
-        annotated, note = find_annotated_tracks(document.open_scene.base.path, document.scene)
-    if annotated and not np.array_equal(document.orientation, np.eye(3, 4)):
+    run = document.open_scene.base.path if isinstance(document.open_scene, SceneSources) else None
+    if run is not None:
+        annotated, note = find_annotated_tracks(run, document.scene)
+    is_turned = not np.array_equal(document.orientation, np.eye(3, 4))
+    if annotated and is_turned:
         annotated, note = (), "the scene was turned, so boxes of standing things are fitted to their splats"
-    notes = (note,) if note else ()
-    left = document.state.find_mask(Flag.DELETED)
-    seen = Photographed(document.scene, np.flatnonzero(~left)) if options.confidence or options.ego else None
+    left = np.flatnonzero(~document.state.find_mask(Flag.DELETED))
+    lidar = choose_lidar(options.lidar, None if is_turned else run, document.scene, left)
+    cast_sweep = build_sweep_caster(edited, lidar, plan_rig_views(edited, options)) if lidar is not None else None
+    notes = tuple(each for each in (note, *(lidar.notes if lidar is not None else ())) if each)
+    seen = Photographed(document.scene, left) if options.confidence or options.ego else None
     moves = find_moves(document)
-    return Drive(edited, views, moves, annotated, options.exposed, options.flow, seen, notes)
+    return Drive(edited, views, moves, annotated, options.exposed, options.flow, seen, notes, cast_sweep)

@@ -39,6 +39,8 @@ class RecordOptions:
     """Changes of the recording car's way; with any, confidence is recorded, too."""
     confidence: bool = False
     """Whether confidence maps are recorded."""
+    lidar: str | None = None
+    """`own`, `none`, a sensor's name or a JSON file; None: the clip's own where its sweeps are at hand."""
 
 
 def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
@@ -65,6 +67,11 @@ def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
     if options.width is None:
         return tuple(chosen)
     return tuple(replace(view, camera=view.camera.scale(options.width / view.camera.width)) for view in chosen)
+
+
+def plan_rig_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
+    """Plan the views of all cameras at all moments, on the way that is recorded: where the rig is."""
+    return tuple(reroute_views(choose_views(scene), options.ego))
 
 
 def describe_view(view: CameraView) -> dict[str, Any]:

@@ -60,7 +60,7 @@ _COUNTING = 0.2
 """Share of the time that looking through all photos takes, where confidence is recorded."""
 
 
-def record_drive(folder: Path, drive: Drive, cast_sweep: CastSweep | None = None) -> dict[str, Any]:
+def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
     """Record all views and moments of a drive, and return the manifest, which is written last.
 
     A folder in which the same drive was begun is finished: views that are whole are kept. Stopping at any moment
@@ -69,11 +69,10 @@ def record_drive(folder: Path, drive: Drive, cast_sweep: CastSweep | None = None
     Args:
         folder: new, or one in which the same drive was begun.
         drive: what is recorded.
-        cast_sweep: casts the LiDAR's sweep of a moment; without it there is no LiDAR.
 
     Raises DataError where the folder cannot be written, holds something else, or another program records into it.
     """
-    scene, views = drive.scene, drive.views
+    scene, views, cast_sweep = drive.scene, drive.views, drive.cast_sweep
     plan = {
         "format": FORMAT,
         "version": VERSION,

@@ -15,9 +15,9 @@ from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.sweeps.kernels import LEAST_ALPHA, fill_tiles, find_tile_ranges, walk_rays, whiten
 
 _TILE = math.radians(1.5)
-_DRIFT = 0.15
+_DRIFT = 0.4
 """Metres that the sensor may move among rays that are cast together."""
-_SPAN = 0.02
+_SPAN = 0.05
 """Seconds that rays may be apart that are cast together, where things move."""
 _STEP = 0.02
 """Seconds over which the speed of moving things is measured."""
@@ -134,7 +134,9 @@ class RayCaster:
             hits,
             opacities,
         )
-        rows = np.where(hits >= 0, self._rows[kept][hits], -1).astype(np.int32)
+        rows = np.full(len(group), -1, np.int32)
+        met = hits >= 0
+        rows[met] = self._rows[kept[hits[met]]]
         return ranges, rows, opacities
 
     def _place(self, time: float, middle: Float64[ndarray, "3"]) -> tuple[ndarray, ndarray, ndarray, ndarray]:
@@ -148,9 +150,7 @@ class RayCaster:
         means, quats = place_in_world(self._means[kept], self._quats[kept], nodes, poses)
         moved = np.flatnonzero(nodes)
         matrices = self._matrices[kept]
-        matrices[moved] = whiten(
-            normalize_quaternions(quats[moved]).astype(np.float32), self._log_scales[kept][moved]
-        )
+        matrices[moved] = whiten(normalize_quaternions(quats[moved]).astype(np.float32), self._log_scales[kept][moved])
         later, _ = self.scene.find_node_poses(time + _STEP)
         turn = later @ np.linalg.inv(poses)
         places = means[moved].astype(np.float64)

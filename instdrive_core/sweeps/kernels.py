@@ -70,7 +70,10 @@ def find_tile_ranges(
             continue
         half = np.pi if distance <= reach else np.arcsin(reach / distance)
         elevation = np.arcsin(z / max(distance, 1e-6))
-        first, last = int(np.floor((elevation - half - lowest) / side)), int(np.floor((elevation + half - lowest) / side))
+        first, last = (
+            int(np.floor((elevation - half - lowest) / side)),
+            int(np.floor((elevation + half - lowest) / side)),
+        )
         first, last = max(first, 0), min(last, rows - 1)
         if last < first:
             continue

@@ -50,7 +50,7 @@ def cast(step, time):
 @pytest.fixture(scope="module")
 def recorded(scene, tmp_path_factory):
     folder = tmp_path_factory.mktemp("recording") / "out"
-    record_drive(folder, Drive(scene, plan_views(scene, RecordOptions())), cast)
+    record_drive(folder, Drive(scene, plan_views(scene, RecordOptions()), cast_sweep=cast))
     return folder
 
 

@@ -44,6 +44,7 @@ def simulate_drive(
     shift: float | None = None,
     flow: bool = False,
     confidence: bool = False,
+    lidar: str | None = None,
 ) -> None:
     """Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.
 
@@ -61,12 +62,14 @@ def simulate_drive(
         shift: Short for --ego shift=METRES.
         flow: Record optical flow, too.
         confidence: Record how far each pixel can be trusted, too; on by itself where the car's way is changed.
+        lidar: The sensor whose sweeps are recorded, too: own (as the clip's sweeps show it), VLP-16, HDL-64E, OS1-128,
+            a JSON file that describes one, or none. Default: own, where the run's clip has sweeps.
         layout: Write the recording in layouts of data sets, too, each into OUT/layouts/NAME.
         expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.
     """
     changes = tuple(parse_ego_change(text) for text in (*ego, *(() if shift is None else (f"shift={shift:g}",))))
     part = _read_moment(first), _read_moment(last)
-    drive = open_drive(scene, RecordOptions(cameras, *part, width, expose, flow, changes, confidence))
+    drive = open_drive(scene, RecordOptions(cameras, *part, width, expose, flow, changes, confidence, lidar))
     for note in drive.notes:
         print(note)
     with show_share("recording"):
