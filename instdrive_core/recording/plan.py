@@ -16,7 +16,8 @@ from instdrive_core.recording.ego_path import EgoChange, reroute_views
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 
-LARGEST = 16384
+LEAST_WIDTH, LARGEST = 8, 16384
+"""Pixels that pictures may be wide."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,8 @@ def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
     chosen = [view for view in moved if view.name in asked and is_asked(view.index)]
     if not chosen:
         raise OptionError(f"no photo lies in the chosen part; there are the time steps {describe_steps(times)}")
-    if options.width is not None and not 8 <= options.width <= LARGEST:
-        raise OptionError(f"the width is {options.width}; it must be from 8 to {LARGEST} pixels")
+    if options.width is not None and not LEAST_WIDTH <= options.width <= LARGEST:
+        raise OptionError(f"the width is {options.width}; it must be from {LEAST_WIDTH} to {LARGEST} pixels")
     chosen.sort(key=lambda view: (view.index, names.index(view.name)))
     if options.width is None:
         return tuple(chosen)

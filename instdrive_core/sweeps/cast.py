@@ -26,7 +26,7 @@ _LARGEST_SIGMA = 30.0
 
 
 @dataclass(frozen=True)
-class Rays:
+class LidarRays:
     """Lines of sight, each at its own moment."""
 
     origins: Float64[ndarray, "r 3"]
@@ -78,7 +78,7 @@ class RayCaster:
         self._nodes = scene.nodes[self._rows]
         self._matrices = whiten(self._quats, self._log_scales)
 
-    def cast(self, rays: Rays) -> Returns:
+    def cast(self, rays: LidarRays) -> Returns:
         """Cast rays; groups that are near in place and time are cast together."""
         count = len(rays)
         ranges, rows = np.full(count, np.inf, np.float32), np.full(count, -1, np.int32)
@@ -88,7 +88,7 @@ class RayCaster:
         return Returns(ranges, rows, opacities)
 
     def _cast_together(
-        self, rays: Rays, group: Int64[ndarray, " g"]
+        self, rays: LidarRays, group: Int64[ndarray, " g"]
     ) -> tuple[Float32[ndarray, " g"], Int32[ndarray, " g"], Float32[ndarray, " g"]]:
         time, middle = float(rays.times[group].mean()), rays.origins[group].mean(axis=0)
         origins = (rays.origins[group] - middle).astype(np.float32)
@@ -160,7 +160,7 @@ class RayCaster:
         return (means - middle).astype(np.float32), matrices, velocities, kept
 
 
-def _split_rays(rays: Rays, things_move: bool) -> list[Int64[ndarray, " g"]]:
+def _split_rays(rays: LidarRays, things_move: bool) -> list[Int64[ndarray, " g"]]:
     """Groups of rays by time, in each of which the sensor hardly moves."""
     if not len(rays):
         return []

@@ -9,7 +9,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import SweepPoints
-from instdrive_core.sweeps.cast import Rays
+from instdrive_core.sweeps.cast import LidarRays
 from instdrive_core.sweeps.rig import Rig
 
 AMID = np.zeros(3)
@@ -27,7 +27,7 @@ class Pattern:
     delays: Float32[ndarray, " r"]
     """Seconds after the moment of the sweep; may be negative."""
     place: Float64[ndarray, "3"]
-    """Of the sensor in the rig, metres."""
+    """Where the sensor sits in the rig, metres."""
     near: float = 1.0
     far: float = 200.0
     """Metres between which the sensor measures."""
@@ -36,12 +36,12 @@ class Pattern:
     ranges: Float32[ndarray, " r"] | None = None
     """What the traced sweep measured, metres; None for described sensors."""
 
-    def aim(self, rig: Rig, moment: float) -> Rays:
+    def aim(self, rig: Rig, moment: float) -> LidarRays:
         """Aim at a moment (seconds): each ray starts where the rig is at its own time."""
         times = moment + self.delays.astype(np.float64)
         places, turns = rig.place(times)
         directions = np.einsum("nij,nj->ni", turns, self.directions.astype(np.float64))
-        return Rays(places + turns @ self.place, directions, times)
+        return LidarRays(places + turns @ self.place, directions, times)
 
 
 def trace_pattern(rig: Rig, moment: float, found: SweepPoints, place: Float64[ndarray, "3"] = AMID) -> Pattern:

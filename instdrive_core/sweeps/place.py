@@ -7,7 +7,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Sweep, SweepPoints
-from instdrive_core.sweeps.cast import RayCaster, Rays
+from instdrive_core.sweeps.cast import LidarRays, RayCaster
 from instdrive_core.sweeps.pattern import AMID, trace_pattern
 from instdrive_core.sweeps.rig import Rig
 
@@ -39,7 +39,7 @@ def _measure_miss(
     pattern = trace_pattern(rig, moment, found, place)
     rays = pattern.aim(rig, moment)
     some = slice(None, None, max(1, len(rays) // _MOST_RAYS))
-    part = Rays(rays.origins[some], rays.directions[some], rays.times[some])
+    part = LidarRays(rays.origins[some], rays.directions[some], rays.times[some])
     ranges = caster.cast(part).ranges
     measured = np.zeros(len(part)) if pattern.ranges is None else pattern.ranges[some]
     return float(np.minimum(np.abs(ranges - measured), _FAR_OFF).mean()) if len(part) else np.inf

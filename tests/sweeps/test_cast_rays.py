@@ -7,7 +7,7 @@ from instdrive_core.instances.table import build_instance_table
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
-from instdrive_core.sweeps.cast import RayCaster, Rays
+from instdrive_core.sweeps.cast import LidarRays, RayCaster
 from instdrive_core.sweeps.pattern import Pattern
 from instdrive_core.sweeps.rig import Rig
 
@@ -49,7 +49,7 @@ def fan(count=400, spread=0.2, time=0.0, origin=(0.0, 0, 0)):
     rng = np.random.default_rng(0)
     directions = np.c_[np.ones(count), rng.uniform(-spread, spread, (count, 2))]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return Rays(np.tile(np.array(origin, float), (count, 1)), directions, np.full(count, time))
+    return LidarRays(np.tile(np.array(origin, float), (count, 1)), directions, np.full(count, time))
 
 
 def test_ranges_are_those_of_the_planes_and_ids_those_of_what_was_met():

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from instdrive_core.cli.share_progress import show_share
+from instdrive_core.progress import report_to
 from instdrive_core.recording.drive import open_drive
 from instdrive_core.recording.ego_path import parse_ego_change
 from instdrive_core.recording.layouts import write_recorded_layout
@@ -45,6 +48,7 @@ def simulate_drive(
     flow: bool = False,
     confidence: bool = False,
     lidar: str | None = None,
+    progress: Literal["bar", "lines"] = "bar",
 ) -> None:
     """Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.
 
@@ -64,6 +68,7 @@ def simulate_drive(
         confidence: Record how far each pixel can be trusted, too; on by itself where the car's way is changed.
         lidar: The sensor whose sweeps are recorded, too: own (as the clip's sweeps show it), VLP-16, HDL-64E, OS1-128,
             a JSON file that describes one, or none. Default: own, where the run's clip has sweeps.
+        progress: How progress is shown: as a bar, or in lines `progress 0.25` for other programs.
         layout: Write the recording in layouts of data sets, too, each into OUT/layouts/NAME.
         expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.
     """
@@ -72,11 +77,12 @@ def simulate_drive(
     drive = open_drive(scene, RecordOptions(cameras, *part, width, expose, flow, changes, confidence, lidar))
     for note in drive.notes:
         print(note)
-    with show_share("recording"):
+    show = show_share if progress == "bar" else _print_share
+    with show("recording"):
         manifest = record_drive(out, drive)
     opened = {}
     for name in dict.fromkeys(layout):
-        with show_share(name):
+        with show(name):
             opened[name] = write_recorded_layout(out, name)
     boxed = sum(entry["has_box"] for entry in manifest["instances"])
     counts = format_count(len(manifest["views"]), "view"), format_count(len(manifest["moments"]), "moment")
@@ -85,6 +91,21 @@ def simulate_drive(
         print(describe_confidence(manifest["confidence"]))
     for name, place in opened.items():
         print(f"{name}: {place}")
+
+
+@contextmanager
+def _print_share(title: str) -> Iterator[None]:
+    """Print a line for every hundredth that is done."""
+    last = -1
+
+    def tell(share: float) -> None:
+        nonlocal last
+        if int(share * 100) != last:
+            last = int(share * 100)
+            print(f"progress {share:.2f}", flush=True)
+
+    with report_to(tell):
+        yield
 
 
 def _read_moment(text: str | None) -> int | str | None:
