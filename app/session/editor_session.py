@@ -21,6 +21,7 @@ from instdrive_app.session.files.opening import OpenedDocument
 from instdrive_app.session.history_controller import HistoryController
 from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
+from instdrive_app.session.making.drive_recorder import DriveRecorder
 from instdrive_app.session.making.job_controller import JobController
 from instdrive_app.session.making.run_comparison import RunComparison
 from instdrive_app.session.move_controller import MoveController
@@ -65,6 +66,7 @@ class EditorSession:
         self.comparison = RunComparison(context, self.making.known, self.files.recents)
         self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)
+        self.recorder = DriveRecorder(context, self.files)
         self.navigation = Navigation(context)
         self.camera_path = PathController(context, self.navigation)
         self.references = ReferencePictures(self.messages.error, self.wake)
@@ -180,6 +182,7 @@ class EditorSession:
 
     def close(self, by_choice: bool = True) -> None:
         """Wait for running work. Not `by_choice` (after a failure), the autosave stays for the next editor to offer."""
+        self.recorder.close()
         self.jobs.close()
         self.references.close()
         if by_choice:

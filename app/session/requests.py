@@ -65,6 +65,11 @@ class AskExport(Request):
 
 
 @dataclass(frozen=True)
+class AskRecord(Request):
+    """Ask how the drive is to be recorded as sensor data, and where to."""
+
+
+@dataclass(frozen=True)
 class AskName(Request):
     """Let the user rename an instance: in the list where it is on screen, else in a dialog."""
 

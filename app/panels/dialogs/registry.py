@@ -14,6 +14,7 @@ from instdrive_app.panels.dialogs import (
     new_scene,
     other_save,
     reassign,
+    record_drive,
     recovery,
     rename,
     set_class,
@@ -33,6 +34,7 @@ from instdrive_app.session.requests import (
     AskOtherSave,
     AskPath,
     AskReassign,
+    AskRecord,
     AskSplit,
     AskTooLarge,
     AskUnsaved,
@@ -49,6 +51,7 @@ from instdrive_app.session.requests import (
 DIALOGS = (
     DialogRecord(file_browser.TITLE, "ICON_FA_FOLDER_OPEN", file_browser.FileBrowser, (AskPath, AskExport)),
     DialogRecord(new_scene.TITLE, "ICON_FA_WAND_MAGIC_SPARKLES", new_scene.NewSceneDialog, (AskNewScene,)),
+    DialogRecord(record_drive.TITLE, "ICON_FA_VIDEO", record_drive.RecordDialog, (AskRecord,)),
     DialogRecord(job_questions.LEAVE_TITLE, "ICON_FA_HOURGLASS_HALF", job_questions.LeaveJobDialog, (AskLeaveJob,)),
     DialogRecord(job_questions.OFFER_TITLE, "ICON_FA_ROTATE", job_questions.OfferJobDialog, (OfferJob,)),
     DialogRecord(rename.TITLE, "ICON_FA_PEN", rename.RenameDialog, (AskName,)),
