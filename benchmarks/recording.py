@@ -49,7 +49,7 @@ from instdrive_core.masks.ground_truth import find_ground_truth
 from instdrive_core.project.open import open_document
 from instdrive_core.recording.boxes import place_boxes
 from instdrive_core.recording.drive import Drive, take_drive
-from instdrive_core.recording.folder import name_file, read_color, read_id_map
+from instdrive_core.recording.folder import name_file, read_color, read_id_map, read_share
 from instdrive_core.recording.plan import RecordOptions
 from instdrive_core.recording.record import record_drive
 from instdrive_core.recording.things import find_boxed_things
@@ -200,6 +200,8 @@ def _measure_edits(folder: Path, document: Document, clip: Clip, count: int) -> 
         squares["before"].append(
             _square(read_color(folder / "recorded" / name_file("color", view, ".png")), before)[changed]
         )
+        confidence = read_share(folder / "edited" / name_file("confidence", view, ".png"))
+        trusted.append(confidence[changed] >= TRUSTED)
         ids = _read_ids(folder / "edited", view)
         for actor, instance in edited.moved.items():
             true, shown = after.labels == edited.street.actor_id(actor), ids == instance
