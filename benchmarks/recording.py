@@ -7,8 +7,9 @@ for 120 views.
 
 Counterfactual: a parked car is deleted, another one and a driving one are moved by 3 m, in the editor's scene and in
 the street itself, which is ray-traced again. `edit_psnr` is over the pixels that the edits change
-(`edit_psnr_before`: over the same pixels without edits, what the scene reaches at all), `edit_mask_iou` the overlap
-of the moved cars' masks.
+(`edit_psnr_before`: over the same pixels without edits, what the scene reaches at all; `edit_psnr_trusted`: over
+those with a confidence of at least a half, `edit_trusted_share` of them; `edit_psnr_median_view`: of the median
+photo), `edit_mask_iou` the overlap of the moved cars' masks.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ from instdrive_core.masks.ground_truth import find_ground_truth
 from instdrive_core.project.open import open_document
 from instdrive_core.recording.boxes import place_boxes
 from instdrive_core.recording.drive import Drive, take_drive
-from instdrive_core.recording.folder import name_file, read_color, read_id_map
+from instdrive_core.recording.folder import name_file, read_color, read_id_map, read_share
 from instdrive_core.recording.plan import RecordOptions
 from instdrive_core.recording.record import record_drive
 from instdrive_core.recording.things import find_boxed_things
@@ -58,6 +59,8 @@ from instdrive_core.training.settings.config import Preset
 
 SHIFT = 3.0
 """Metres by which cars are moved."""
+TRUSTED = 0.5
+"""Confidence from which a recorded pixel is trusted."""
 CHANGED = 10
 """Steps of 255: a pixel whose colour differs by more was changed by the edits."""
 LEAST_SEEN = 100
@@ -126,22 +129,24 @@ def _read_ids(folder: Path, view: CameraView) -> UInt32[ndarray, "h w"]:
 
 
 def _match_instances(folder: Path, clip: Clip, scene: Scene) -> dict[str, int]:
-    """The recorded instance that shows most of each track's true pixels, by the track's ID; what is hardly seen is left
-    out."""
+    """The recorded instance that shows most of each track's true pixels, by the track's ID; what no photo shows
+    in a hundred pixels is left out."""
     truth = find_ground_truth(clip)
     facts = json.loads((Path(clip.path) / "labels" / "instances.json").read_text())
     names = {int(number): fact["uuid"] for number, fact in facts.items() if fact["uuid"]}
     width = max(scene.table.instances, default=0) + 1
     shared = np.zeros((max(names, default=0) + 1, width), np.int64)
+    largest = np.zeros(len(shared), np.int64)
     for frame in clip.frames:
         labels, ids = truth.load(frame).astype(np.int64), _read_ids(folder, frame.view).astype(np.int64)
         inside = labels < len(shared)
         counted = np.bincount((labels * width + ids)[inside], minlength=shared.size)
         shared += counted.reshape(shared.shape)
+        largest = np.maximum(largest, np.bincount(labels[inside], minlength=len(shared)))
     return {
         uuid: int(shared[number, 1:].argmax()) + 1
         for number, uuid in names.items()
-        if shared[number].sum() >= LEAST_SEEN and shared[number, 1:].any()
+        if largest[number] >= LEAST_SEEN and shared[number, 1:].any()
     }
 
 
@@ -180,10 +185,11 @@ def _measure_edits(folder: Path, document: Document, clip: Clip, count: int) -> 
     edited = _edit_both(street, document, owners, max(frame.view.time for frame in clip.frames))
     views = _choose_views(clip, street, edited.touched, count)
     asked = {(view.name, view.index) for view in views}
-    drive = take_drive(edited.document, RecordOptions(exposed=True))
+    drive = take_drive(edited.document, RecordOptions(exposed=True, confidence=True))
     drive = replace(drive, views=tuple(view for view in drive.views if (view.name, view.index) in asked))
     record_drive(folder / "edited", drive)
     squares: dict[str, list[ndarray]] = {"after": [], "before": []}
+    trusted: list[ndarray] = []
     shared, joined = 0, 0
     for view in views:
         before, after = _photograph(street, clip, view), _photograph(edited.street, clip, view)
@@ -194,6 +200,8 @@ def _measure_edits(folder: Path, document: Document, clip: Clip, count: int) -> 
         squares["before"].append(
             _square(read_color(folder / "recorded" / name_file("color", view, ".png")), before)[changed]
         )
+        confidence = read_share(folder / "edited" / name_file("confidence", view, ".png"))
+        trusted.append(confidence[changed] >= TRUSTED)
         ids = _read_ids(folder / "edited", view)
         for actor, instance in edited.moved.items():
             true, shown = after.labels == edited.street.actor_id(actor), ids == instance
@@ -201,6 +209,9 @@ def _measure_edits(folder: Path, document: Document, clip: Clip, count: int) -> 
                 shared, joined = shared + int((true & shown).sum()), joined + int((true | shown).sum())
     return {
         "edit_psnr": _to_decibels(squares["after"]),
+        "edit_psnr_trusted": _to_decibels([each[sure] for each, sure in zip(squares["after"], trusted, strict=True)]),
+        "edit_trusted_share": round(float(np.concatenate(trusted).mean()), 4),
+        "edit_psnr_median_view": float(np.median([_to_decibels([each]) for each in squares["after"] if len(each)])),
         "edit_psnr_before": _to_decibels(squares["before"]),
         "edit_mask_iou": round(shared / max(joined, 1), 4),
         "edit_pixels": int(sum(len(square) for square in squares["after"])),

@@ -15,7 +15,7 @@ from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.project.open import open_document
 from instdrive_core.project.sources import SceneSources
 from instdrive_core.recording.annotations import find_annotated_tracks
-from instdrive_core.recording.lidar import build_sweep_caster, choose_lidar
+from instdrive_core.recording.lidar import OWN, build_sweep_caster, choose_lidar
 from instdrive_core.recording.plan import RecordOptions, plan_rig_views, plan_views
 from instdrive_core.recording.sweep_files import CastSweep
 from instdrive_core.recording.things import find_moves
@@ -57,6 +57,8 @@ class Drive:
     """What the user should know."""
     cast_sweep: CastSweep | None = None
     """Casts the LiDAR's sweep of a moment; None where none is recorded."""
+    sensor: str = ""
+    """Which LiDAR that is: another one makes another recording."""
 
 
 def open_drive(path: Path, options: RecordOptions) -> Drive:
@@ -85,4 +87,6 @@ def take_drive(document: Document, options: RecordOptions) -> Drive:
     notes = tuple(each for each in (note, *(lidar.notes if lidar is not None else ())) if each)
     seen = Photographed(document.scene, left) if options.confidence or options.ego else None
     moves = find_moves(document)
-    return Drive(edited, views, moves, annotated, options.exposed, options.flow, seen, notes, cast_sweep)
+    return Drive(
+        edited, views, moves, annotated, options.exposed, options.flow, seen, notes, cast_sweep, options.lidar or OWN
+    )

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt8, UInt16, UInt32
+from jaxtyping import Float32, UInt8, UInt16, UInt32
 from numpy import ndarray
 from PIL import Image
 
@@ -129,6 +129,11 @@ def read_id_map(path: Path) -> UInt32[ndarray, "h w"]:
 def read_color(path: Path) -> UInt8[ndarray, "h w 3"]:
     """Read a colour picture. Raises DataError where it cannot be read."""
     return _read_pixels(path)
+
+
+def read_share(path: Path) -> Float32[ndarray, "h w"]:
+    """Read a confidence map, 0 … 1. Raises DataError where the picture cannot be read."""
+    return _read_pixels(path).astype(np.float32) / 255
 
 
 def check_folder(folder: Path, plan: dict[str, Any]) -> bool:

@@ -23,6 +23,7 @@ from instdrive_core.files.new_folder import fill_new_folder
 from instdrive_core.masks.export.id_pictures import save_png
 from instdrive_core.recording.coco import write_coco
 from instdrive_core.recording.folder import name_file, read_id_map, read_manifest
+from instdrive_core.recording.mcap_file import write_mcap
 from instdrive_core.recording.reading import read_recorded_clip
 
 LAYOUTS = "layouts"
@@ -77,6 +78,7 @@ WRITERS: dict[str, Callable[[Path, Path], Path]] = {
     "waymo": _take(write_waymo),
     "drivestudio": _take(write_drivestudio),
     "coco": write_coco,
+    "mcap": write_mcap,
 }
 """Writers by the name of the layout: from a finished recording into a new folder; each returns what to open."""
 

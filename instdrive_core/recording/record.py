@@ -80,7 +80,7 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
         "exposed": drive.exposed,
         "flow": drive.flow,
         "confidence": drive.photographed is not None,
-        "lidar": cast_sweep is not None,
+        "lidar": None if cast_sweep is None else drive.sensor,
         "views": [describe_view(view) for view in views],
     }
     begun = check_folder(folder, plan)

@@ -1,5 +1,7 @@
 """A recording in the layouts of data sets, read back by their readers and by COCO's own."""
 
+import base64
+import io
 import json
 
 import numpy as np
@@ -73,7 +75,7 @@ def test_a_recording_reads_back_as_a_clip(scene, recorded):
     np.testing.assert_array_equal(sweep.instance_labels, np.arange(POINTS))
 
 
-@pytest.mark.parametrize("layout", sorted(set(WRITERS) - {"coco"}))
+@pytest.mark.parametrize("layout", sorted(set(WRITERS) - {"coco", "mcap"}))
 def test_every_layout_opens_with_photos_sweeps_and_boxes(scene, recorded, layout):
     opened = write_recorded_layout(recorded, layout)
     assert opened == write_recorded_layout(recorded, layout), "it is there already"
@@ -147,6 +149,37 @@ def test_run_lengths_are_those_of_pycocotools(mask):
     encoded = encode_run_lengths(mask)
     decoded = tools.decode(tools.frPyObjects(encoded, *mask.shape))
     np.testing.assert_array_equal(decoded.astype(bool), mask)
+
+
+def test_mcap_is_what_its_reader_reads(scene, recorded):
+    from mcap.reader import make_reader
+
+    opened = write_recorded_layout(recorded, "mcap")
+    topics = {}
+    with opened.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert channel.message_encoding == "json"
+            content, fields = json.loads(message.data), json.loads(schema.data)["properties"]
+            assert set(content) == set(fields), schema.name
+            topics.setdefault(channel.topic, []).append((message.log_time, content))
+    assert set(topics) == {
+        *("/tf", "/boxes", "/lidar"),
+        *("/camera/front_camera/image", "/camera/front_camera/calibration"),
+    }
+    assert all(len(messages) == 5 for messages in topics.values())
+    time, image = topics["/camera/front_camera/image"][2]
+    assert time == pytest.approx(0.2e9)
+    picture = Image.open(io.BytesIO(base64.b64decode(image["data"])))
+    np.testing.assert_array_equal(np.asarray(picture), read_color(recorded / "color/front_camera/02.png"))
+    boxes = json.loads((recorded / "moments/02.json").read_text())["boxes"]
+    entities = topics["/boxes"][2][1]["entities"]
+    assert [entity["id"] for entity in entities] == [str(box["id"]) for box in boxes]
+    assert list(entities[0]["cubes"][0]["pose"]["position"].values()) == boxes[0]["center"]
+    cloud = topics["/lidar"][2][1]
+    rows = np.frombuffer(base64.b64decode(cloud["data"]), [("xyz", "<f4", 3), ("i", "<f4"), ("instance", "<u4")])
+    np.testing.assert_array_equal(rows["xyz"], cast(2, 0.2).points)
+    np.testing.assert_array_equal(rows["instance"], np.arange(POINTS))
+    assert cloud["point_stride"] == rows.itemsize
 
 
 def test_an_unfinished_recording_has_no_layouts(tmp_path):

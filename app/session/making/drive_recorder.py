@@ -30,6 +30,7 @@ LAYOUTS = {
     "waymo": "Waymo",
     "drivestudio": "drivestudio",
     "coco": "COCO",
+    "mcap": "MCAP",
 }
 """Layouts of data sets that `instdrive simulate` writes, too, and their titles."""
 Way = Literal["own", "shift", "lane", "speed", "stop"]

@@ -30,6 +30,7 @@ Layout = Literal[
     "waymo",
     "drivestudio",
     "coco",
+    "mcap",
 ]
 
 
