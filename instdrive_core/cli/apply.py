@@ -12,6 +12,7 @@ from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.nurec_options import NurecOptions
 from instdrive_core.cli.part_options import PartOptions
+from instdrive_core.cli.path_options import PathOptions
 from instdrive_core.cli.turn_options import TurnOptions
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode
@@ -42,6 +43,7 @@ def apply(
     more: Annotated[EditOptions, tyro.conf.OmitArgPrefixes] = EditOptions(),  # noqa: B008 (frozen)
     after_deletion: Annotated[DeletionOptions, tyro.conf.OmitArgPrefixes] = DeletionOptions(),  # noqa: B008 (frozen)
     parts: Annotated[PartOptions, tyro.conf.OmitArgPrefixes] = PartOptions(),  # noqa: B008 (frozen)
+    paths: Annotated[PathOptions, tyro.conf.OmitArgPrefixes] = PathOptions(),  # noqa: B008 (frozen)
     exchange: Annotated[NurecOptions, tyro.conf.OmitArgPrefixes] = NurecOptions(),  # noqa: B008 (frozen)
     edits: Path | None = None,
     time: float | None = None,
@@ -63,6 +65,7 @@ def apply(
         more: Other edits, done after those of the file and before renaming, recolouring and deleting.
         after_deletion: What is told of deletions, and done about what they leave.
         parts: What is written besides the whole scene, or instead of it.
+        paths: Other ways for vehicles, after those other edits.
         exchange: What is taken from NVIDIA NuRec and handed over to it.
         edits: File with one edit as JSON per line, done before the others.
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
@@ -74,6 +77,7 @@ def apply(
     steps = [*(_read_edit_log(edits) if edits else []), *turn.edits(document, scene)]
     is_turned = any(isinstance(step, TurnScene) for step in steps)
     steps += more.edits(document, shown, is_turned)
+    steps += paths.edits(document)
     steps += _collect_edits(document.scene, delete, recolor, recolor_mode, rename)
     for edit in (*exchange.read_edits(document), *steps):
         document.apply(edit)

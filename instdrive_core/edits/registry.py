@@ -32,8 +32,10 @@ from instdrive_core.edits.kinds.select import (
     SelectNone,
 )
 from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.kinds.set_path import SetPath
 from instdrive_core.edits.kinds.solo import SoloInstances
 from instdrive_core.edits.kinds.split import SplitInstance
+from instdrive_core.edits.kinds.start_driving import StartDriving
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, ShowAll
 
@@ -100,10 +102,12 @@ EDIT_KINDS: dict[str, EditKind] = {
         EditKind(SetAdjustment, "ICON_FA_SLIDERS"),
         EditKind(SetClass, "ICON_FA_TAG"),
         EditKind(SetInstanceClass, "ICON_FA_TAG", is_old=True),
+        EditKind(SetPath, "ICON_FA_ROUTE"),
         EditKind(ShowAll, "ICON_FA_EYE"),
         EditKind(ShrinkSelection, "ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER"),
         EditKind(SoloInstances, "ICON_FA_BULLSEYE"),
         EditKind(SplitInstance, "ICON_FA_OBJECT_UNGROUP"),
+        EditKind(StartDriving, "ICON_FA_CAR_SIDE"),
         EditKind(TurnScene, "ICON_FA_ARROWS_SPIN"),
     )
 }
