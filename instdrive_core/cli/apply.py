@@ -9,10 +9,10 @@ import tyro
 
 from instdrive_core.cli.arguments import check_known_ids, choose_time, find_default_time, parse_assignment, parse_color
 from instdrive_core.cli.deletion_options import DeletionOptions
+from instdrive_core.cli.driving.path_options import PathOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.nurec_options import NurecOptions
 from instdrive_core.cli.part_options import PartOptions
-from instdrive_core.cli.path_options import PathOptions
 from instdrive_core.cli.turn_options import TurnOptions
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode

@@ -11,6 +11,8 @@ from instdrive_core.edits.kinds.classes import SetClass, SetInstanceClass
 from instdrive_core.edits.kinds.color import RecolorInstances, ResetColors
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows, DeleteSelected
+from instdrive_core.edits.kinds.driving.set_path import SetPath
+from instdrive_core.edits.kinds.driving.start_driving import StartDriving
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.fill_hole import FillHole
 from instdrive_core.edits.kinds.grow import GrowSelection, ShrinkSelection
@@ -32,10 +34,8 @@ from instdrive_core.edits.kinds.select import (
     SelectNone,
 )
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.kinds.set_path import SetPath
 from instdrive_core.edits.kinds.solo import SoloInstances
 from instdrive_core.edits.kinds.split import SplitInstance
-from instdrive_core.edits.kinds.start_driving import StartDriving
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, ShowAll
 

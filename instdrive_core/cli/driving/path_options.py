@@ -12,8 +12,8 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.kinds.set_path import SetPath
-from instdrive_core.edits.kinds.start_driving import StartDriving
+from instdrive_core.edits.kinds.driving.set_path import SetPath
+from instdrive_core.edits.kinds.driving.start_driving import StartDriving
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.json_fields import read_json, require_field, require_number
 from instdrive_core.instances.table import Instance
