@@ -9,6 +9,7 @@ from typing import Any
 from instdrive_app.action import ActionRegistry
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
+from instdrive_app.preferences.preferences import PreferenceStore
 from instdrive_app.session.aids.aids import Aids
 from instdrive_app.session.aids.screenshots import Screenshots
 from instdrive_app.session.bounds_updater import BoundsUpdater
@@ -35,6 +36,7 @@ from instdrive_app.session.view_memory import restore_view
 from instdrive_app.session.visibility_controller import VisibilityController
 from instdrive_app.state import EditorState
 from instdrive_core.edits.document.document import Document
+from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.filming.path_file import FIELD
 from instdrive_core.formats.registry import find_stated_up
 from instdrive_core.scene.lint import HARMFUL
@@ -51,6 +53,7 @@ class EditorSession:
     def __init__(self) -> None:
         self.wake_window: Callable[[], None] = do_nothing
         """Makes the window draw a frame; set by the window, called from any thread."""
+        self.preferences = PreferenceStore(find_state_folder() / "preferences.json")
         self.state = EditorState()
         self.messages = Messages()
         self.requests = RequestQueue()
@@ -169,6 +172,7 @@ class EditorSession:
         self.camera_path.tick(seconds)
         self.deletion.review.tick(seconds, self.movement.drag is not None)
         self.state.is_solo = bool(self.visibility.solo.ids)
+        self.state.safe_colors = self.preferences.current.safe_colors
 
     def leave(self) -> None:
         """Close the window, once the user has been asked about unsaved changes and about a running job."""

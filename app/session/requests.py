@@ -174,6 +174,11 @@ class ShowShortcuts(Request):
 
 
 @dataclass(frozen=True)
+class AskPreferences(Request):
+    """Let the user choose how the editor looks and answers."""
+
+
+@dataclass(frozen=True)
 class ShowAbout(Request):
     """Open the dialog with version and log file."""
 
