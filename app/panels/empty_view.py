@@ -9,7 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.jobs import Job
 from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_dim_text, fit_text, get_icon, scale_pixels, scale_size
-from instdrive_app.preferences.themes import DIM, TEXT
+from instdrive_app.preferences.themes import DIM, TEXT, Color, Role
 
 WIDTH = 340.0
 """Width of the column, in pixels at scale 1."""
@@ -95,7 +95,7 @@ def _draw_opening(ui: Ui, job: Job, width: float) -> None:
     ui.mark("progress.cancel")
 
 
-def _draw_centered(text: str, left: float, width: float, color: tuple[float, float, float]) -> None:
+def _draw_centered(text: str, left: float, width: float, color: Color | Role) -> None:
     imgui.set_cursor_screen_pos(
         ImVec2(left + (width - imgui.calc_text_size(text).x) / 2, imgui.get_cursor_screen_pos().y)
     )

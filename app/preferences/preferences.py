@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from instdrive_app.preferences.key_presets import DEFAULT_PRESET, PRESETS, Keys, is_shortcut
 from instdrive_app.preferences.themes import DEFAULT_THEME, THEMES
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
@@ -24,6 +25,10 @@ class Preferences:
     """A name of `THEMES`."""
     safe_colors: bool = False
     """Whether instances are shown in colours that colour-blind eyes tell apart."""
+    preset: str = DEFAULT_PRESET
+    """A name of `PRESETS`: the keys and mouse gestures."""
+    keys: Keys = field(default_factory=dict)
+    """The user's own keys, by IDs of actions."""
 
 
 def read_preferences(stored: Any, report: Callable[[str], None]) -> Preferences:
@@ -32,6 +37,7 @@ def read_preferences(stored: Any, report: Callable[[str], None]) -> Preferences:
     if not isinstance(stored, Mapping):
         report(f"a list of choices was expected, not {type(stored).__name__}")
         return chosen
+    stored = {**stored, "keys": _read_own_keys(stored.get("keys"))}
     for name, fits in _FITS.items():
         value = stored.get(name, getattr(chosen, name))
         if fits(value):
@@ -41,9 +47,21 @@ def read_preferences(stored: Any, report: Callable[[str], None]) -> Preferences:
     return chosen
 
 
+def _read_own_keys(stored: Any) -> Keys | None:
+    """Read own keys; None if there is anything else among them."""
+    if not isinstance(stored, Mapping):
+        return {} if stored is None else None
+    lists = all(isinstance(keys, list) for keys in stored.values())
+    if not lists or not all(isinstance(key, str) and is_shortcut(key) for keys in stored.values() for key in keys):
+        return None
+    return {str(name): tuple(keys) for name, keys in stored.items()}
+
+
 _FITS: dict[str, Callable[[Any], bool]] = {
     "theme": lambda value: isinstance(value, str) and value in THEMES,
     "safe_colors": lambda value: isinstance(value, bool),
+    "preset": lambda value: isinstance(value, str) and value in PRESETS,
+    "keys": lambda value: value is not None,
 }
 """For each field, whether a stored value fits it."""
 

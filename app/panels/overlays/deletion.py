@@ -13,7 +13,7 @@ from instdrive_app.action import Action
 from instdrive_app.panels.overlays.hole_pattern import HolePattern, build_hole_pattern, project_shapes
 from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
-from instdrive_app.preferences.themes import BACKGROUND, DIM, ERROR, PICTURE_ACCENT, PICTURE_SHADE, TEXT
+from instdrive_app.preferences.themes import BACKGROUND, DIM, ERROR, PICTURE_ACCENT, PICTURE_SHADE, TEXT, Color, Role
 from instdrive_app.session.deletion_review import DeletionFindings
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.holes.holes import Hole
@@ -155,7 +155,7 @@ def _block_clicks(low: ImVec2, high: ImVec2) -> None:
     imgui.invisible_button("##deletion review", ImVec2(high.x - low.x, high.y - low.y))
 
 
-def _draw_text(left: float, top: float, text: str, color: tuple[float, float, float]) -> None:
+def _draw_text(left: float, top: float, text: str, color: Color | Role) -> None:
     at = ImVec2(left, top + imgui.get_style().frame_padding.y)
     imgui.get_window_draw_list().add_text(at, pack_color(color), text)
 
