@@ -163,6 +163,8 @@ class EditorState:
     show_outlines: bool = True
     safe_colors: bool = False
     """Whether instances are shown in colours that colour-blind eyes tell apart; a preference."""
+    shows_first_steps: bool = False
+    """Whether the first steps lie over the picture."""
     show_grid: bool = False
     """Whether a grid lies on the ground."""
     stay_above_ground: bool = True

@@ -25,6 +25,8 @@ class Preferences:
     """A name of `THEMES`."""
     safe_colors: bool = False
     """Whether instances are shown in colours that colour-blind eyes tell apart."""
+    knows_first_steps: bool = False
+    """Whether the first steps were shown and closed."""
     preset: str = DEFAULT_PRESET
     """A name of `PRESETS`: the keys and mouse gestures."""
     keys: Keys = field(default_factory=dict)
@@ -60,6 +62,7 @@ def _read_own_keys(stored: Any) -> Keys | None:
 _FITS: dict[str, Callable[[Any], bool]] = {
     "theme": lambda value: isinstance(value, str) and value in THEMES,
     "safe_colors": lambda value: isinstance(value, bool),
+    "knows_first_steps": lambda value: isinstance(value, bool),
     "preset": lambda value: isinstance(value, str) and value in PRESETS,
     "keys": lambda value: value is not None,
 }
