@@ -79,7 +79,7 @@ class InspectorPanel:
             imgui.text(f"{len(ids)} instances")
             imgui.pop_font()
             return
-        _draw_framed_swatch(instance)
+        _draw_framed_swatch(ui, instance)
         imgui.same_line(0, scale_pixels(2))
         imgui.push_style_color(imgui.Col_.frame_bg, rgba(PANEL))
         name = self._name.draw(
@@ -109,7 +109,7 @@ def _advise(ui: Ui, document: Document | None) -> str:
     return "Click an object in the view to inspect and edit it."
 
 
-def _draw_framed_swatch(instance: Instance) -> None:
+def _draw_framed_swatch(ui: Ui, instance: Instance) -> None:
     """Draw a swatch as high as the field beside it, so that what follows on the line keeps its place."""
     size, height, at = imgui.get_text_line_height() * 0.8, imgui.get_frame_height(), imgui.get_cursor_screen_pos()
     top = at.y + (height - size) / 2
