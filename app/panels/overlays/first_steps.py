@@ -12,6 +12,8 @@ from instdrive_app.preferences.themes import ACCENT, BACKGROUND
 
 WIDEST, BOTTOM = 470.0, 56.0
 """Width of the box and its distance from the picture's lower edge, in pixels at scale 1."""
+TOOLS, LEAST = 116.0, 200.0
+"""Room that is left for the toolbar, and the least width."""
 
 
 class FirstSteps:
@@ -21,9 +23,10 @@ class FirstSteps:
         """Draw one frame."""
         if not ui.session.state.shows_first_steps:
             return
-        width = min(scale_pixels(WIDEST), place.width - scale_pixels(20))
-        corner = ImVec2(place.x + place.width / 2, place.y + place.height - scale_pixels(BOTTOM))
-        imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(0.5, 1.0))
+        width = max(min(scale_pixels(WIDEST), place.width - scale_pixels(TOOLS)), scale_pixels(LEAST))
+        right = min(place.x + (place.width + width + scale_pixels(TOOLS)) / 2, place.x + place.width - scale_pixels(10))
+        corner = ImVec2(right, place.y + place.height - scale_pixels(BOTTOM))
+        imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1.0, 1.0))
         imgui.set_next_window_size(ImVec2(width, 0))
         flags = imgui.WindowFlags_
         still = flags.no_decoration | flags.always_auto_resize | flags.no_saved_settings | flags.no_docking
@@ -39,6 +42,8 @@ class FirstSteps:
             ui.session.preferences.change(knows_first_steps=True)
         pop_accent_fill()
         ui.mark("first_steps.close")
+        low, size = imgui.get_window_pos(), imgui.get_window_size()
+        ui.marks["first_steps"] = (low.x, low.y, low.x + size.x, low.y + size.y)
         imgui.end()
         imgui.pop_style_color()
 
