@@ -13,7 +13,7 @@ from typing import ClassVar, Literal, TypeVar
 from instdrive_app.session.export_kinds import What
 from instdrive_core.errors import SceneTooLargeError
 
-PathPurpose = Literal["open", "insert", "save"]
+PathPurpose = Literal["open", "insert", "save", "export_keys", "import_keys"]
 
 
 def do_nothing() -> None:
@@ -176,6 +176,11 @@ class ShowPalette(Request):
 @dataclass(frozen=True)
 class ShowShortcuts(Request):
     """Open the sheet of keys and mouse gestures."""
+
+
+@dataclass(frozen=True)
+class AskPreferences(Request):
+    """Let the user choose how the editor looks and answers."""
 
 
 @dataclass(frozen=True)
