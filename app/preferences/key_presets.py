@@ -50,7 +50,7 @@ class KeyPreset:
         """Find what a drag with a button and held keys does to the camera; None = nothing."""
         held = "Shift" if shift else "Ctrl" if ctrl else "Alt" if alt else ""
         fitting: dict[str, Motion] = {drag.modifier: drag.motion for drag in self.drags if drag.button == button}
-        return fitting.get(held, fitting.get(""))
+        return fitting[held] if held in fitting else fitting.get("")
 
 
 PRESETS = {

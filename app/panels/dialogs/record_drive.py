@@ -10,8 +10,9 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
-from instdrive_app.panels.widgets.theme import ERROR, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
+from instdrive_app.preferences.themes import ERROR
 from instdrive_app.session.making.drive_recorder import (
     LAYOUTS,
     DriveRecorder,
