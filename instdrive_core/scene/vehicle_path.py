@@ -84,7 +84,10 @@ def _find_headings(curve: PchipInterpolator, times: Float64[ndarray, " n"], star
 
 
 def change_lane(keys: Sequence[PathKey], offset: float, start: float) -> tuple[PathKey, ...]:
-    """Change to a lane `offset` metres to the left (negative: right) from `start` seconds on, in `LANE_SECONDS`."""
+    """Change to a lane `offset` metres to the left (negative: right) from `start` seconds on.
+
+    It takes `LANE_SECONDS`; a way that ends earlier ends between the lanes.
+    """
     sampled = _sample_evenly(keys, (start, start + LANE_SECONDS))
     share = np.clip((sampled.times - start) / LANE_SECONDS, 0, 1)
     aside = offset * share * share * (3 - 2 * share)
@@ -141,7 +144,7 @@ def _retime(
 
 
 def _sample_evenly(keys: Sequence[PathKey], extra: Sequence[float]) -> PathSamples:
-    first, last = keys[0].time, max(keys[-1].time, *extra)
+    first, last = keys[0].time, keys[-1].time
     steps = max(1, round((last - first) / STEP))
     inside = [time for time in extra if first <= time <= last]
     return sample_path(keys, np.unique(np.r_[np.linspace(first, last, steps + 1), inside]))

@@ -10,25 +10,15 @@ from pathlib import Path
 from instdrive_core.cli.arguments import check_known_ids, parse_assignment
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.kinds.compound import CompoundEdit
-from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.kinds.driving.set_path import SetPath
-from instdrive_core.edits.kinds.driving.start_driving import StartDriving
+from instdrive_core.edits.kinds.driving.ways import Template, change_way, drive_instance, park_at
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.json_fields import read_json, require_field, require_number
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.vehicle_path import (
-    PathKey,
-    change_lane,
-    change_speed,
-    describe_way,
-    stop_at,
-    trace_way,
-    turn_off,
-)
+from instdrive_core.scene.vehicle_path import PathKey
 
 _EXAMPLE = "--path 17=way.json, 17=lane:3.5@2, 17=stop@3, 17=speed:0.5@0 or 17=turn:90@2"
+_TEMPLATES: dict[str, Template] = {"lane": "lane", "stop": "stop", "speed": "speed", "turn": "turn"}
 _TEMPLATE = re.compile(r"(lane|stop|speed|turn)(?::([+-]?\d+(?:\.\d+)?))?@(\d+(?:\.\d+)?)")
 
 
@@ -70,41 +60,13 @@ def read_way(file: Path) -> tuple[PathKey, ...]:
     return tuple(found)
 
 
-def drive_instance(entry: Instance, keys: tuple[PathKey, ...]) -> Edit:
-    """Build the edit that lets an instance drive a way; what stands still gives its place up."""
-    way = describe_way(keys)
-    if entry.node:
-        return SetPath(entry.id, way)
-    return CompoundEdit((StartDriving(entry.id, way), DeleteInstances((entry.id,))), f"Let {entry.name} drive")
-
-
-def change_way(track: Track, kind: str, amount: float, start: float) -> tuple[PathKey, ...]:
-    """Change a mover's own way by a template: `lane` (metres), `stop`, `speed` (factor) or `turn` (degrees)."""
-    keys = trace_way(track)
-    match kind:
-        case "lane":
-            return change_lane(keys, amount, start)
-        case "stop":
-            return stop_at(keys, start)
-        case "speed":
-            return change_speed(keys, amount, start)
-        case _:
-            return turn_off(keys, math.radians(amount), start)
-
-
-def park_at(track: Track, time: float) -> tuple[PathKey, ...]:
-    """Park a mover where it is at a time (seconds)."""
-    pose = track.interpolate_pose(time)
-    return (PathKey(time, float(pose[0, 3]), float(pose[1, 3]), math.atan2(pose[1, 1], pose[0, 1])),)
-
-
 def _build_path(text: str, document: Document) -> Edit:
     number, value = parse_assignment(text, _EXAMPLE)
     entry = document.scene.table[check_known_ids([number], document.scene.table)[0]]
     found = _TEMPLATE.fullmatch(value.strip())
     if found is None:
         return drive_instance(entry, read_way(Path(value)))
-    kind, amount, start = found[1], found[2], float(found[3])
+    kind, amount, start = _TEMPLATES[found[1]], found[2], float(found[3])
     if (amount is None) != (kind == "stop") or (kind == "speed" and not 0 <= float(amount) <= 10):
         raise OptionError(f"{value!r} in {text!r} is no change of a way; write e.g. {_EXAMPLE}")
     return drive_instance(entry, change_way(_require_track(entry, document), kind, float(amount or 0), start))

@@ -8,9 +8,10 @@ import pytest
 from edit_cases import BUS, CAR, ROAD, TAXI, rich_document
 
 from instdrive_core.cli.apply import apply
-from instdrive_core.cli.driving.path_options import PathOptions, change_way, drive_instance, park_at, read_way
+from instdrive_core.cli.driving.path_options import PathOptions, read_way
 from instdrive_core.edits.kinds.driving.set_path import SetPath
 from instdrive_core.edits.kinds.driving.start_driving import StartDriving
+from instdrive_core.edits.kinds.driving.ways import change_way, drive_instance, park_at
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import DataError, EditError, OptionError
 from instdrive_core.formats.registry import open_scene, save_scene
