@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 MenuItem = tuple[str, Callable[[], None]]
 """Title and callback of an entry of a submenu."""
@@ -48,6 +48,8 @@ class ActionRegistry:
 
     def __init__(self) -> None:
         self._actions: dict[str, Action] = {}
+        self.usual_keys: dict[str, tuple[str, ...]] = {}
+        """The shortcuts with which actions were registered, by their IDs."""
 
     def add(self, action: Action) -> None:
         """Register an action. Raises ValueError where its ID or a shortcut is taken."""
@@ -58,6 +60,12 @@ class ActionRegistry:
             if owner:
                 raise ValueError(f"{shortcut} is the shortcut of {owner!r} and of {action.id!r}")
         self._actions[action.id] = action
+        self.usual_keys[action.id] = action.shortcuts
+
+    def remap(self, keys: Mapping[str, tuple[str, ...]]) -> None:
+        """Give actions other shortcuts, by their IDs; those that are not named keep theirs."""
+        for name, shortcuts in keys.items():
+            self._actions[name] = replace(self._actions[name], shortcuts=shortcuts)
 
     def __iter__(self) -> Iterator[Action]:
         return iter(self._actions.values())

@@ -60,6 +60,10 @@ COMMANDS = {
     "render": CliCommand(
         "instdrive_core.cli.render:render_pictures", "Draw a scene into PNG pictures without a window."
     ),
+    "simulate": CliCommand(
+        "instdrive_core.cli.recording.simulate:simulate_drive",
+        "Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.",
+    ),
     "info": CliCommand("instdrive_core.cli.info:print_info", "Print what a scene file or a driving clip holds."),
     "doctor": CliCommand(
         "instdrive_app.cli.doctor:doctor", "Print versions and the state of OpenGL and CUDA, and test a render."

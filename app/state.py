@@ -161,6 +161,10 @@ class EditorState:
     is_solo: bool = False
     """Whether instances are shown alone; the session keeps it up to date."""
     show_outlines: bool = True
+    safe_colors: bool = False
+    """Whether instances are shown in colours that colour-blind eyes tell apart; a preference."""
+    shows_first_steps: bool = False
+    """Whether the first steps lie over the picture."""
     show_grid: bool = False
     """Whether a grid lies on the ground."""
     stay_above_ground: bool = True
@@ -189,6 +193,8 @@ class FrameSnapshot:
     show_outlines: bool
     draft: bool
     """Draw coarsely because the camera is moving."""
+    safe_colors: bool
+    """Show instances in colours that colour-blind eyes tell apart."""
 
 
 def resolve(state: EditorState, width: int, height: int, draft: bool = False) -> FrameSnapshot:
@@ -202,4 +208,5 @@ def resolve(state: EditorState, width: int, height: int, draft: bool = False) ->
         show_sky=state.draws_sky and state.view_mode not in SPLAT_MODES,
         show_outlines=state.show_outlines,
         draft=draft,
+        safe_colors=state.safe_colors,
     )

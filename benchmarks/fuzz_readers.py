@@ -173,7 +173,7 @@ def read_hand_over(path: Path) -> Read:
 
 READERS: dict[str, Callable[[Path], Read]] = {
     **dict.fromkeys(("ply", "compressed_ply", "splat", "spz", "ksplat", "lcc", "gltf", "usd", "html"), read_scene),
-    **dict.fromkeys(("cloud", "street"), read_scene),
+    **dict.fromkeys(("cloud", "street", "splatsim"), read_scene),
     **dict.fromkeys(("sog", "sog_folder", "sog_levels", "scene_folder", "checkpoint", "training_folder"), read_scene),
     "project": read_project,
     "journal": read_journal_folder,

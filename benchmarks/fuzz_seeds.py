@@ -130,6 +130,7 @@ def _list_scene_seeds(folder: Path) -> Iterator[Seed]:
     moving = replace(drive, views=(), sky=None, exposures=None)
     for name in ("scene.usda", "scene.usdc", "scene.usdz"):
         yield written("usd", name, lambda path: save_scene(path, moving))
+    yield written("splatsim", "scene.splatsim.usdz", lambda path: save_scene(path, moving))
     yield _strip_viewer(written("html", "page.html", lambda path: save_scene(path, still)))
     rng = np.random.default_rng(4)
     for level in (0, 1, 2):

@@ -21,7 +21,7 @@ _STILL_DELETED = 0.05
 """Share of draws that may delete all the same."""
 ROOM, SPLATS_PER_EDIT = 600, 0.3
 """By so many splats the document may grow, at once and with each edit of its history."""
-_ADDING = ("duplicate_instances", "insert_scene", "fill_hole")
+_ADDING = ("duplicate_instances", "insert_scene", "fill_hole", "start_driving")
 _DELETING = ("delete_instances", "delete_selected", "delete_rows")
 _MODES = ("replace", "add", "remove")
 _CLASSES = ("", "Car", "Bus", "Vegetation")
@@ -91,6 +91,7 @@ class RandomEdits:
             "delete_selected": dict,
             "duplicate_instances": lambda: {"ids": ids(), "translation": self._shift()},
             "fill_hole": self._hole,
+            "find_objects": lambda: {"gap": pick((0.3, 0.6)), "unit": pick((None, 1.0))},
             "grow_selection": lambda: {"distance": pick((None, 0.2, 1.0)), "time": self._float(0, 0.5)},
             "hide_instances": lambda: {"ids": ids(), "hidden": pick((True, False))},
             "hide_rows": lambda: {"rows": self._runs(scattered=0), "hidden": pick((True, False))},
@@ -123,10 +124,12 @@ class RandomEdits:
             "set_adjustment": lambda: {"ids": ids(), **self._adjustment()},
             "set_class": lambda: {"ids": ids(), "class_name": pick(_CLASSES)},
             "set_instance_class": lambda: {"id": one(), "class_name": pick(_CLASSES)},
+            "set_path": lambda: {"id": one(), "keys": self._way()},
             "show_all": dict,
             "shrink_selection": lambda: {"distance": pick((None, 0.2)), "time": self._float(0, 0.5)},
             "solo_instances": lambda: {"ids": ids()},
             "split_instance": lambda: {"id": one(), "gap": pick((0.25, 1.0, 3.0))},
+            "start_driving": lambda: {"id": one(), "keys": self._way()},
             "turn_scene": self._turn,
         }
 
@@ -144,6 +147,10 @@ class RandomEdits:
 
     def _shift(self) -> list[float]:
         return self._rng.normal(0, 1, 3).tolist() if self._rng.random() < 0.8 else [0.0, 0.0, 0.0]
+
+    def _way(self) -> list[list[float]]:
+        times = np.cumsum([self._float(0.05, 0.4) for _ in range(self._rng.integers(1, 4))]).tolist()
+        return [[time, self._float(-4, 4), self._float(-4, 4)] for time in times]
 
     def _adjustment(self) -> dict[str, Any]:
         what = self._pick(list(RANGES))

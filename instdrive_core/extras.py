@@ -11,6 +11,7 @@ EXTRAS = {
     "gsplat": "cuda",
     "laspy": "clouds",
     "lazrs": "clouds",
+    "mcap": "mcap",
     "pandas": "train",
     "pyarrow": "datasets",
     "pycocotools": "train",

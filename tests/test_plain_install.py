@@ -111,6 +111,7 @@ def test_extras_are_those_of_the_project():
             "usd",
             "clouds",
             "video",
+            "mcap",
         )  # the later of two is named
         for requirement in map(Requirement, PROJECT["optional-dependencies"][extra])
         if requirement.name != "instdrive"

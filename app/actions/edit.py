@@ -5,12 +5,31 @@ from __future__ import annotations
 from instdrive_app.action import Action
 from instdrive_app.actions.conditions import is_editable, put_request, run_on_instances
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import AskName, OfferCleanup, ShowPanel
+from instdrive_app.session.requests import AskName, AskPreferences, OfferCleanup, ShowPanel
 
 
 def list_actions(session: EditorSession) -> list[Action]:
     """List the Edit menu."""
-    return [*_list_history(session), *_list_changes(session), *_list_visibility(session), *_list_cleanup(session)]
+    return [
+        *_list_history(session),
+        *_list_changes(session),
+        *_list_visibility(session),
+        *_list_cleanup(session),
+        _create_preferences(session),
+    ]
+
+
+def _create_preferences(session: EditorSession) -> Action:
+    return Action(
+        "edit.preferences",
+        "Preferences…",
+        put_request(session, AskPreferences()),
+        "Edit",
+        ("Ctrl+,",),
+        icon="ICON_FA_GEAR",
+        separator=True,
+        words=("settings", "options", "theme", "dark", "light", "contrast", "colour blind", "keys", "language"),
+    )
 
 
 def _list_history(session: EditorSession) -> list[Action]:

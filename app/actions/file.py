@@ -10,7 +10,7 @@ from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.files.sample import find_sample_scene, has_sample_scene
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.making.job_controller import REPORT
-from instdrive_app.session.requests import AskExport, AskNewScene, AskPath, ShowPanel
+from instdrive_app.session.requests import AskExport, AskNewScene, AskPath, AskRecord, ShowPanel
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -128,6 +128,17 @@ def _list_exporting(session: EditorSession) -> list[Action]:
             enabled=lambda: is_editable(session) and not session.selection.is_empty,
             icon="ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE",
             words=("crop", "cut out"),
+            undoable=False,
+        ),
+        Action(
+            "file.record",
+            "Record drive…",
+            put_request(session, AskRecord()),
+            "File",
+            enabled=lambda: session.document is not None and bool(session.document.scene.views),
+            icon="ICON_FA_VIDEO",
+            words=("simulate", "sensor data", "pandaset", "nuscenes", "kitti", "coco", "depth", "ground truth"),
+            needs="The scene has no photo cameras; open a run or a project on one",
             undoable=False,
         ),
     ]

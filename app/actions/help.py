@@ -10,6 +10,10 @@ from instdrive_app.session.requests import ShowAbout, ShowPalette, ShowShortcuts
 
 def list_actions(session: EditorSession) -> list[Action]:
     """List the Help menu."""
+
+    def show_first_steps() -> None:
+        session.state.shows_first_steps = True
+
     return [
         Action(
             "help.palette",
@@ -27,6 +31,15 @@ def list_actions(session: EditorSession) -> list[Action]:
             ("F1",),
             icon="ICON_FA_KEYBOARD",
             words=("hotkeys", "shortcuts", "keyboard"),
+        ),
+        Action(
+            "help.first_steps",
+            "Show first steps",
+            show_first_steps,
+            "Help",
+            enabled=lambda: session.document is not None,
+            icon="ICON_FA_SHOE_PRINTS",
+            words=("introduction", "tutorial", "welcome", "how to"),
         ),
         Action(
             "help.log",

@@ -97,4 +97,15 @@ def _list_splat_actions(session: EditorSession) -> list[Action]:
             icon="ICON_FA_BROOM",
             undoable=True,
         ),
+        Action(
+            "labels.find_objects",
+            "Find objects",
+            session.labels.find_objects,
+            "Labels",
+            enabled=lambda: is_editable(session),
+            icon="ICON_FA_CUBES",
+            words=("instances", "segment", "detect", "cars", "no instances"),
+            separator=True,
+            undoable=True,
+        ),
     ]

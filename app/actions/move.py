@@ -9,14 +9,17 @@ from instdrive_app.actions.conditions import is_editable, put_request, run_on_in
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.move_controller import MoveOptions
 from instdrive_app.session.requests import AskUp
+from instdrive_core.edits.kinds.driving.ways import Template
 
+LANE = 3.5
+"""Metres to the next lane."""
 SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
 """IDs of the actions that constrain moves."""
 
 
 def list_actions(session: EditorSession) -> list[Action]:
     """List the Move menu."""
-    return [*_list_moves(session), *_list_constraints(session)]
+    return [*_list_moves(session), *_list_ways(session), *_list_constraints(session)]
 
 
 def _list_moves(session: EditorSession) -> list[Action]:
@@ -66,6 +69,37 @@ def _list_moves(session: EditorSession) -> list[Action]:
             separator=True,
             undoable=True,
         ),
+    ]
+
+
+def _list_ways(session: EditorSession) -> list[Action]:
+    """List what changes the ways of things that drive, from the shown time on."""
+    movement = session.movement
+
+    def make(name: str, title: str, icon: str, run: Callable[[], None], separator: bool = False) -> Action:
+        return Action(
+            f"move.{name}",
+            title,
+            run,
+            "Move",
+            enabled=lambda: movement.has_drive,
+            icon=icon,
+            words=("path", "track", "way", "drive", "vehicle", "trajectory"),
+            separator=separator,
+            undoable=True,
+        )
+
+    def change(template: Template, amount: float = 0.0) -> Callable[[], None]:
+        return lambda: movement.change_ways(template, amount)
+
+    return [
+        make("park", "Park where it is now", "ICON_FA_SQUARE_PARKING", movement.park, separator=True),
+        make("stop", "Brake to a stop from now on", "ICON_FA_HAND", change("stop")),
+        make("slow", "Drive half as fast from now on", "ICON_FA_GAUGE", change("speed", 0.5)),
+        make("lane_left", "Change lane to the left", "ICON_FA_ARROW_LEFT", change("lane", LANE)),
+        make("lane_right", "Change lane to the right", "ICON_FA_ARROW_RIGHT", change("lane", -LANE)),
+        make("turn_left", "Turn off to the left", "ICON_FA_ARROW_TURN_UP", change("turn", 90.0)),
+        make("turn_right", "Turn off to the right", "ICON_FA_ARROW_TURN_DOWN", change("turn", -90.0)),
     ]
 
 

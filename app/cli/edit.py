@@ -67,6 +67,7 @@ def run_editor(path: Path, options: WindowOptions | None = None, left_out: Seque
 
     require_display()
     session = EditorSession()
+    session.state.shows_first_steps = not session.preferences.current.knows_first_steps
     window = EditorWindow(session, options)
     session.files.open(path)
     if left_out:

@@ -6,8 +6,9 @@ import math
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, LINE, TEXT, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_text, fit_text, scale_pixels, scale_size
+from instdrive_app.preferences.themes import ACCENT, BACKGROUND, DIM, LINE, TEXT
 from instdrive_app.session.showing.path_controller import PathController
 from instdrive_core.wording import format_count
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.jobs import Job
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
+from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_dim_text, fit_text, get_icon, scale_pixels, scale_size
+from instdrive_app.preferences.themes import DIM, TEXT, Color, Role
 
 WIDTH = 340.0
 """Width of the column, in pixels at scale 1."""
@@ -43,12 +44,10 @@ class EmptyView:
         _draw_centered("Open a drive", left, width, TEXT)
         imgui.pop_font()
         imgui.spacing()
-        imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.92))
-        imgui.push_style_color(imgui.Col_.button_hovered, rgba(ACCENT))
-        imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND))
+        push_accent_fill()
         if imgui.button(f"{get_icon('ICON_FA_FOLDER_OPEN')}   Open…", ImVec2(width, tall)):
             commands.run("file.open")
-        imgui.pop_style_color(3)
+        pop_accent_fill()
         ui.mark("empty.open")
         imgui.begin_disabled(not commands["file.sample"].enabled())
         if imgui.button(f"{get_icon('ICON_FA_CITY')}   Open the sample scene", ImVec2(width, tall)):
@@ -96,7 +95,7 @@ def _draw_opening(ui: Ui, job: Job, width: float) -> None:
     ui.mark("progress.cancel")
 
 
-def _draw_centered(text: str, left: float, width: float, color: tuple[float, float, float]) -> None:
+def _draw_centered(text: str, left: float, width: float, color: Color | Role) -> None:
     imgui.set_cursor_screen_pos(
         ImVec2(left + (width - imgui.calc_text_size(text).x) / 2, imgui.get_cursor_screen_pos().y)
     )

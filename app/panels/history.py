@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Ui, fit_text, get_icon, scale_pixels
+from instdrive_app.preferences.themes import ACCENT, DIM, TEXT
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.registry import EDIT_KINDS
 from instdrive_core.wording import format_count

@@ -7,8 +7,9 @@ import time
 from imgui_bundle import imgui
 
 from instdrive_app.messages import Level
-from instdrive_app.panels.widgets.theme import ERROR, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
+from instdrive_app.preferences.themes import ERROR
 
 
 class LogPanel:

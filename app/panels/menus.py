@@ -7,6 +7,7 @@ from imgui_bundle import imgui
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import run_or_explain
 from instdrive_app.panels.widgets.ui import Ui, begin_icon_submenu, draw_icon_menu_item
+from instdrive_app.preferences.key_presets import KEY_NAMES, PRESETS
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
 _NAMED = {
@@ -18,6 +19,11 @@ _NAMED = {
     "]": "right_bracket",
     ",": "comma",
     ".": "period",
+    "/": "slash",
+    ";": "semicolon",
+    "'": "apostrophe",
+    "`": "grave_accent",
+    "\\": "backslash",
     "PageDown": "page_down",
     "PageUp": "page_up",
 }
@@ -70,6 +76,8 @@ def run_shortcuts(ui: Ui) -> None:
     io, dragged = imgui.get_io(), ui.tool.outline or ui.session.movement.drag is not None
     if io.want_text_input or dragged or ui.popup_open or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
         return
+    if not PRESETS[ui.session.preferences.current.preset].flies_always and imgui.is_mouse_down(1):
+        return  # W A S D fly
     for command in ui.session.actions:
         shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
         if any(imgui.is_key_chord_pressed(parse_shortcut(shortcut)) for shortcut in shortcuts):
@@ -94,6 +102,18 @@ def parse_shortcut(shortcut: str) -> int:
     for modifier in modifiers:
         chord |= int(_MODIFIERS[modifier])
     return chord
+
+
+def read_pressed_shortcut() -> str | None:
+    """Read the shortcut whose keys are pressed in this frame, e.g. ``Ctrl+D``; None where none is."""
+    io = imgui.get_io()
+    held = [word for word, on in (("Ctrl", io.key_ctrl), ("Alt", io.key_alt), ("Shift", io.key_shift)) if on]
+    pressed = next((key for key in KEY_NAMES if imgui.is_key_pressed(_parse_key(key), False)), None)
+    return None if pressed is None else "+".join((*held, pressed))
+
+
+def _parse_key(key: str) -> imgui.Key:
+    return imgui.Key(parse_shortcut(key))
 
 
 def format_action_title(command: Action) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.widgets.theme import DIM, GOOD, TEXT, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon
+from instdrive_app.preferences.themes import DIM, GOOD, TEXT
 from instdrive_app.session.making.run_comparison import RunTable
 
 HINT = "Runs that are trained or opened here are listed. A run that was never evaluated takes a while."

@@ -6,8 +6,9 @@ import numpy as np
 from imgui_bundle import ImVec4, imgui
 
 from instdrive_app.memory import MemoryGauge
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, scale_pixels
+from instdrive_app.preferences.themes import ACCENT, DIM
 from instdrive_app.session.files.document_files import list_changes
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count

@@ -7,8 +7,9 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.jobs import Job
 from instdrive_app.messages import Level, Message
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH
-from instdrive_app.panels.widgets.theme import BACKGROUND, DIM, ERROR, GOOD, pack_color, rgba
+from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, scale_pixels, scale_size
+from instdrive_app.preferences.themes import BACKGROUND, DIM, ERROR, GOOD
 
 WIDTH = 380.0
 """Width of a toast, in pixels at scale 1."""

@@ -9,8 +9,9 @@ from imgui_bundle import ImVec2, imgui, implot
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, ERROR, GOOD, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_text, get_icon, scale_pixels
+from instdrive_app.preferences.themes import ACCENT, DIM, ERROR, GOOD
 from instdrive_app.session.making.job_controller import REPORT, JobController
 from instdrive_core.datasets.photos import load_photo, read_photo_size
 from instdrive_core.errors import DataError

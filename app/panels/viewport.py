@@ -13,6 +13,7 @@ from instdrive_app.panels.overlays.registry import ABOVE_HANDLES, BELOW_HANDLES,
 from instdrive_app.panels.views import keep_thumbnails
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Click, Point
+from instdrive_app.preferences.key_presets import LEFT, PRESETS, CameraDrag
 from instdrive_app.state import FrameSnapshot, Viewpoint
 
 PICTURE = "##picture"
@@ -21,6 +22,8 @@ DRAG_PIXELS = 4.0
 """A press that moves farther than this is a drag, not a click; pixels at scale 1."""
 TURN_PER_PIXEL = 0.005
 """Radians per pixel at scale 1."""
+DOLLY_PER_PIXEL = 0.99
+"""Share of the distance to the pivot that is left after a drag by a pixel at scale 1, up or to the right."""
 FLY_SPEED = 6.0
 """Metres per second; four times as fast with Shift."""
 FLY_KEYS = {
@@ -120,15 +123,16 @@ class ViewportPanel:
             self._turn_wheel(ui, place, -1 if io.mouse_wheel > 0 else 1)
         elif hovered and io.mouse_wheel:
             moved = camera.dolly(moved, 0.88**io.mouse_wheel)
-        if (hovered or active) and not io.want_text_input and not io.key_ctrl:
+        flies = PRESETS[ui.session.preferences.current.preset].flies_always or imgui.is_mouse_down(1)
+        if (hovered or active) and flies and not io.want_text_input and not io.key_ctrl:
             moved = _fly(moved, io.delta_time, io.key_shift)
         if moved is not viewpoint:
             ui.session.navigation.look_from(moved)
 
     def _drag_view(self, ui: Ui, place: Rectangle) -> Viewpoint:
-        """The viewpoint after this frame's drag: left orbits, right looks around, middle or Shift + left pans.
+        """The viewpoint after this frame's drag, by the gestures of the preset that the user prefers.
 
-        With a tool that uses the left button, the right button orbits.
+        With a tool that uses the left button, the right button orbits where it else looks around.
         """
         viewpoint, io = ui.session.state.viewpoint, imgui.get_io()
         button = next((b for b in range(3) if imgui.is_mouse_dragging(b, scale_pixels(DRAG_PIXELS))), None)
@@ -137,7 +141,9 @@ class ViewportPanel:
         path = imgui.get_mouse_drag_delta(button)
         start = (io.mouse_pos.x - path.x - place.x, io.mouse_pos.y - path.y - place.y)
         first, self._drags = not self._drags, True
-        if button == 0 and ui.tool.drags:
+        preset = PRESETS[ui.session.preferences.current.preset]
+        is_alt_orbit = io.key_alt and CameraDrag(LEFT, "orbit", "Alt") in preset.drags
+        if button == 0 and ui.tool.drags and not is_alt_orbit:
             self._drag_tool(ui, start, (io.mouse_pos.x - place.x, io.mouse_pos.y - place.y))
             return viewpoint
         if first:
@@ -147,9 +153,14 @@ class ViewportPanel:
         dx, dy = io.mouse_delta.x, io.mouse_delta.y
         if not dx and not dy:
             return viewpoint
-        if button == 2 or (button == 0 and io.key_shift):
+        motion = preset.find_motion(button, io.key_shift, io.key_ctrl, io.key_alt)
+        if motion is None:
+            return viewpoint
+        if motion == "pan":
             return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fit_camera(place.width, place.height).fx)
-        turn = camera.look if button == 1 and not ui.tool.drags else ui.session.navigation.orbit
+        if motion == "dolly":
+            return camera.dolly(viewpoint, DOLLY_PER_PIXEL ** ((dx - dy) / scale_pixels(1)))
+        turn = camera.look if motion == "look" and not ui.tool.drags else ui.session.navigation.orbit
         return turn(viewpoint, -dx * TURN_PER_PIXEL / scale_pixels(1), -dy * TURN_PER_PIXEL / scale_pixels(1))
 
     def _turn_wheel(self, ui: Ui, place: Rectangle, step: int) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.actions.pictures import delete_view, show_bookmark
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, LINE, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_text, fit_text, get_icon, scale_pixels
+from instdrive_app.preferences.themes import ACCENT, DIM, LINE
 from instdrive_app.session.aids.bookmarks import THUMBNAIL, Bookmark
 
 SMALL = 0.5

@@ -9,6 +9,8 @@ from typing import Any
 from instdrive_app.action import ActionRegistry
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
+from instdrive_app.preferences.key_presets import PRESETS, merge_keys
+from instdrive_app.preferences.preferences import Preferences, PreferenceStore
 from instdrive_app.session.aids.aids import Aids
 from instdrive_app.session.aids.screenshots import Screenshots
 from instdrive_app.session.bounds_updater import BoundsUpdater
@@ -21,6 +23,7 @@ from instdrive_app.session.files.opening import OpenedDocument
 from instdrive_app.session.history_controller import HistoryController
 from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
+from instdrive_app.session.making.drive_recorder import DriveRecorder
 from instdrive_app.session.making.job_controller import JobController
 from instdrive_app.session.making.run_comparison import RunComparison
 from instdrive_app.session.move_controller import MoveController
@@ -35,6 +38,7 @@ from instdrive_app.session.view_memory import restore_view
 from instdrive_app.session.visibility_controller import VisibilityController
 from instdrive_app.state import EditorState
 from instdrive_core.edits.document.document import Document
+from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.filming.path_file import FIELD
 from instdrive_core.formats.registry import find_stated_up
 from instdrive_core.scene.lint import HARMFUL
@@ -51,6 +55,7 @@ class EditorSession:
     def __init__(self) -> None:
         self.wake_window: Callable[[], None] = do_nothing
         """Makes the window draw a frame; set by the window, called from any thread."""
+        self.preferences = PreferenceStore(find_state_folder() / "preferences.json")
         self.state = EditorState()
         self.messages = Messages()
         self.requests = RequestQueue()
@@ -65,6 +70,7 @@ class EditorSession:
         self.comparison = RunComparison(context, self.making.known, self.files.recents)
         self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)
+        self.recorder = DriveRecorder(context, self.files)
         self.navigation = Navigation(context)
         self.camera_path = PathController(context, self.navigation)
         self.references = ReferencePictures(self.messages.error, self.wake)
@@ -78,6 +84,7 @@ class EditorSession:
         self.deletion = DeletionController(context)
         self.orientation = TurnController(context, self.navigation, self._follow_turn)
         self.insertion = InsertController(context, self.movement, self.orientation.ask_about_inserted)
+        self._keyed_by: Preferences | None = None
         self._deferred_bounds = BoundsUpdater(context)
         self.is_quitting = False
 
@@ -169,6 +176,15 @@ class EditorSession:
         self.camera_path.tick(seconds)
         self.deletion.review.tick(seconds, self.movement.drag is not None)
         self.state.is_solo = bool(self.visibility.solo.ids)
+        self.state.safe_colors = self.preferences.current.safe_colors
+        self._take_keys()
+
+    def _take_keys(self) -> None:
+        """Give actions the keys of the preferences, where those have changed."""
+        chosen = self.preferences.current
+        if chosen is not self._keyed_by:
+            self._keyed_by = chosen
+            self.actions.remap(merge_keys(self.actions.usual_keys, PRESETS[chosen.preset], chosen.keys))
 
     def leave(self) -> None:
         """Close the window, once the user has been asked about unsaved changes and about a running job."""
@@ -180,6 +196,7 @@ class EditorSession:
 
     def close(self, by_choice: bool = True) -> None:
         """Wait for running work. Not `by_choice` (after a failure), the autosave stays for the next editor to offer."""
+        self.recorder.close()
         self.jobs.close()
         self.references.close()
         if by_choice:

@@ -25,13 +25,14 @@ from instdrive_core.masks.export.id_maps import MAX_SIDE, choose_views, render_i
 from instdrive_core.masks.export.id_pictures import save_png, write_id_pictures
 from instdrive_core.progress import report, report_span
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances, export_scene
+from instdrive_core.project.nurec import describe_hand_over, export_hand_over
 from instdrive_core.rasterize.pictures import Look, draw_picture
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 
-What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view", "film"]
+What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view", "film", "nurec"]
 WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix.startswith(".") and fmt.write is not None)
 """Endings of scene files; names that folders are known by are none."""
 WITH_TRACKS = tuple(fmt.suffix for fmt in FORMATS if fmt.keeps_tracks)
@@ -67,6 +68,8 @@ class ExportChoice:
     """Size of pictures relative to the cameras' films."""
     film: FilmSettings = field(default_factory=FilmSettings)
     """Size, rate and look of a film."""
+    nurec_tracks: str = ""
+    """NuRec's sequence_tracks.json or .usdz; empty where IDs and times are the scene's own."""
 
 
 @dataclass(frozen=True)
@@ -220,6 +223,12 @@ def _write_film(request: ExportRequest) -> str:
     return f"Exported a film of {format_count(count, 'frame')} to {request.path}"
 
 
+def _write_nurec(request: ExportRequest) -> str:
+    tracks = request.choice.nurec_tracks.strip()
+    plan = export_hand_over(request.document, request.path, Path(tracks).expanduser() if tracks else None)
+    return f"Handed over to {request.path}: {describe_hand_over(plan)}"
+
+
 def _bake_shown_scene(request: ExportRequest) -> Scene:
     """Bake what is drawn: nothing hidden, tracks kept."""
     document = request.document
@@ -271,6 +280,11 @@ def _count_actors(document: Document) -> str:
 def _count_photos(document: Document) -> str:
     views = document.scene.views
     return format_count(len(views), "photo") if views else ""
+
+
+def _count_edits_of_a_drive(document: Document) -> str:
+    count = sum(not edit.selects_only for edit in document.history.done)
+    return format_count(count, "edit") if count and document.first_tracks else ""
 
 
 _NO_INSTANCES, _NO_CAMERAS = "The scene has no instances", "The scene has no photo cameras"
@@ -327,6 +341,13 @@ KINDS: dict[What, ExportKind] = {
         suggestion="_film.mp4" if find_spec("av") else "_film",
         amount=_count_splats,
         missing="The camera path has no keys; add views to it with Shift+K",
+    ),
+    "nurec": ExportKind(
+        "Edits for NVIDIA NuRec",
+        _write_nurec,
+        suggestion="_nurec",
+        amount=_count_edits_of_a_drive,
+        missing="There are no edits, or nothing moves: NuRec edits moving objects only",
     ),
 }
 """Kinds in the order of the dialog."""

@@ -10,6 +10,7 @@ from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.classes import SetClass
 from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.find_objects import FindObjects
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.rename import RenameInstance
@@ -90,6 +91,25 @@ class LabelController:
         if done:
             count = sum(table[i].count for i in ids if i in table) - before
             self._messages.info(f"{format_count(count, 'floater')} absorbed" if count > 0 else "No floaters were found")
+
+    def find_objects(self) -> None:
+        """Make instances of what stands on the ground and belongs to none; they are searched in the background."""
+        document = self._context.document
+        if document is None:
+            return
+        edit, frozen = FindObjects(), freeze_document(document)
+
+        def finish(_: int) -> None:
+            if self._context.document is not document:
+                return
+            before = len(document.scene.table)
+            if not edit.is_prepared_for(document):  # the document was edited in the meantime
+                self.find_objects()
+            elif self._context.apply(edit):
+                found = format_count(len(document.scene.table) - before, "object")
+                self._messages.info(f"{found} found; click them like any instance")
+
+        self._jobs.submit("Looking for objects", lambda: edit.prepare(frozen), finish, modal=False)
 
     def rename(self, instance: int, name: str) -> None:
         """Rename an instance."""

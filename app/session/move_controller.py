@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import count
 from weakref import ref
@@ -19,6 +20,7 @@ from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.bases.relabel import create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.driving.ways import Template, change_way, drive_instance, park_at
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.move import SCALE_LIMITS, MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
@@ -27,7 +29,9 @@ from instdrive_core.edits.queries.placement import find_lane
 from instdrive_core.errors import EditError
 from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.rotations import quaternion_from_matrix
+from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import extract_scale
+from instdrive_core.scene.vehicle_path import PathKey
 
 COPY_GAP = 0.5
 """Metres between an object and its copy."""
@@ -181,6 +185,27 @@ class MoveController:
             return MoveInstances(ids, shift, time=time, on_ground=ground)
 
         self._context.apply(edit, gesture)
+
+    def change_ways(self, template: Template, amount: float = 0.0) -> None:
+        """Let what drives of the selection drive another way from the shown time on, as `change_way` has it."""
+        time = self._state.time
+        self._drive(lambda track: change_way(track, template, amount, time), "Change the ways of")
+
+    def park(self) -> None:
+        """Park what drives of the selection where it is now."""
+        time = self._state.time
+        self._drive(lambda track: park_at(track, time), "Park")
+
+    def _drive(self, find_keys: Callable[[Track], Sequence[PathKey]], verb: str) -> None:
+        document = self._document
+        entries = [document.scene.table[number] for number in self.ids]
+        first = {entry.node: entry for entry in reversed(entries) if entry.node}
+        steps = tuple(
+            drive_instance(entry, find_keys(document.scene.actors[node - 1])) for node, entry in sorted(first.items())
+        )
+        if steps:
+            many = f"{verb} {len(steps)} objects"
+            self._context.apply(lambda: steps[0] if len(steps) == 1 else CompoundEdit(steps, many))
 
     def put_on_ground(self) -> None:
         """Lift or lower the selection onto the ground."""

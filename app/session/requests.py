@@ -13,7 +13,7 @@ from typing import ClassVar, Literal, TypeVar
 from instdrive_app.session.export_kinds import What
 from instdrive_core.errors import SceneTooLargeError
 
-PathPurpose = Literal["open", "insert", "save"]
+PathPurpose = Literal["open", "insert", "save", "export_keys", "import_keys"]
 
 
 def do_nothing() -> None:
@@ -62,6 +62,11 @@ class AskExport(Request):
 
     what: What = "scene"
     """The choice the dialog begins with."""
+
+
+@dataclass(frozen=True)
+class AskRecord(Request):
+    """Ask how the drive is to be recorded as sensor data, and where to."""
 
 
 @dataclass(frozen=True)
@@ -171,6 +176,11 @@ class ShowPalette(Request):
 @dataclass(frozen=True)
 class ShowShortcuts(Request):
     """Open the sheet of keys and mouse gestures."""
+
+
+@dataclass(frozen=True)
+class AskPreferences(Request):
+    """Let the user choose how the editor looks and answers."""
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -40,6 +41,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
     state: dict[str, Any] = {
         "busy": session.jobs.current.title if session.jobs.current else None,
         "settled": ui.view.settled,
+        "preferences": asdict(session.preferences.current),
         "messages": [message.text for message in session.messages.log],
         "widgets": {name: [round(value, 1) for value in rect] for name, rect in sorted(ui.marks.items())},
     }

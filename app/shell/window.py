@@ -21,9 +21,10 @@ from instdrive_app.panels.menus import draw_menus, run_shortcuts
 from instdrive_app.panels.registry import PANELS, PanelRecord
 from instdrive_app.panels.status import StatusBar
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
-from instdrive_app.panels.widgets.theme import apply_style, load_fonts
+from instdrive_app.panels.widgets.theme import apply_style, apply_theme, load_fonts
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.panels.window_menu import list_panel_actions
+from instdrive_app.preferences.themes import THEMES
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.render.warm_up import warm_up
@@ -51,7 +52,7 @@ class EditorWindow:
         self._screenshot: UInt8[ndarray, "h w 3"] | None = None
         self._wants_screenshot = False
         self._dialogs = DialogHost(DIALOGS)
-        self._status, self._title = StatusBar(), ""
+        self._status, self._title, self._theme = StatusBar(), "", ""
         self._read_names: tuple[int, object] | None = None
         """Document and version of the table whose names were looked through."""
         self._told_letters: set[str] = set()
@@ -182,8 +183,16 @@ class EditorWindow:
         self._session.requests.put(ReceiveDrop(paths))
 
     def _before_frame(self) -> None:
+        self._show_theme()
         self.ui.forget_marks()
         self.ui.textures.free_retired()
+
+    def _show_theme(self) -> None:
+        """Show the theme that the user prefers, from the frame on in which it is chosen."""
+        theme = self._session.preferences.current.theme
+        if theme != self._theme:
+            self._theme = theme
+            apply_theme(THEMES[theme])
 
     def _before_panels(self) -> None:
         self._session.tick(imgui.get_io().delta_time)

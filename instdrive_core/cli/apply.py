@@ -9,10 +9,12 @@ import tyro
 
 from instdrive_core.cli.arguments import check_known_ids, choose_time, find_default_time, parse_assignment, parse_color
 from instdrive_core.cli.deletion_options import DeletionOptions
+from instdrive_core.cli.driving.path_options import PathOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.nurec_options import NurecOptions
 from instdrive_core.cli.part_options import PartOptions
 from instdrive_core.cli.turn_options import TurnOptions
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.kinds.delete import DeleteInstances
@@ -44,6 +46,7 @@ def apply(
     find_objects: bool = False,
     after_deletion: Annotated[DeletionOptions, tyro.conf.OmitArgPrefixes] = DeletionOptions(),  # noqa: B008 (frozen)
     parts: Annotated[PartOptions, tyro.conf.OmitArgPrefixes] = PartOptions(),  # noqa: B008 (frozen)
+    paths: Annotated[PathOptions, tyro.conf.OmitArgPrefixes] = PathOptions(),  # noqa: B008 (frozen)
     exchange: Annotated[NurecOptions, tyro.conf.OmitArgPrefixes] = NurecOptions(),  # noqa: B008 (frozen)
     edits: Path | None = None,
     time: float | None = None,
@@ -62,11 +65,12 @@ def apply(
             `paint` changes only what is near the colour of an object's body.
         rename: New names as ID=NAME.
         turn: How the scene is stood upright, after the edits of the file.
-        find_objects: Make instances of what stands on the ground and hangs together, in a scene that has none. Done
-            before the edits of other options, which can name the new IDs.
         more: Other edits, done after those of the file and before renaming, recolouring and deleting.
+        find_objects: Make instances of what stands on the ground and hangs together, in a scene that has none and is
+            upright by then. Done after the edits of the file and --up; the options below can name the new IDs.
         after_deletion: What is told of deletions, and done about what they leave.
         parts: What is written besides the whole scene, or instead of it.
+        paths: Other ways for vehicles, after those other edits.
         exchange: What is taken from NVIDIA NuRec and handed over to it.
         edits: File with one edit as JSON per line, done before the others.
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
@@ -76,18 +80,15 @@ def apply(
     document, view = open_document(scene, keep_every=keep_every)
     shown = choose_time(document.scene, time)
     first = [*(_read_edit_log(edits) if edits else []), *turn.edits(document, scene)]
-    for edit in (*exchange.read_edits(document), *first):
-        document.apply(edit)
-    if find_objects:
-        known = len(document.scene.table)
-        document.apply(FindObjects())
-        print(f"found: {format_count(len(document.scene.table) - known, 'object')}")
     is_turned = any(isinstance(step, TurnScene) for step in first)
-    steps = [*first, *more.edits(document, shown, is_turned)]
+    done = _find_upright_objects(document, first) if find_objects else []
+    steps = [*first[len(done) :]]
+    steps += more.edits(document, shown, is_turned)
+    steps += paths.edits(document)
     steps += _collect_edits(document.scene, delete, recolor, recolor_mode, rename)
-    for edit in steps[len(first) :]:
+    for edit in (*exchange.read_edits(document), *steps):
         document.apply(edit)
-    after_deletion.follow(document, steps, shown)
+    after_deletion.follow(document, [*done, *steps], shown)
     rows = parts.rows(document)
     if is_project(out):
         if rows is not None:
@@ -107,6 +108,16 @@ def apply(
     exchange.write(document)
     held = f"{format_count(len(result), 'splat')}, {format_count(len(result.table), 'instance')}"
     print(f"{out}: {held} ({format_count(len(document.history.done), 'edit')} applied)")
+
+
+def _find_upright_objects(document: Document, first: list[Edit]) -> list[Edit]:
+    """Do the edits that come first, then make instances of what stands on the ground; returns what was done."""
+    for edit in first:
+        document.apply(edit)
+    known = len(document.scene.table)
+    document.apply(FindObjects())
+    print(f"found: {format_count(len(document.scene.table) - known, 'object')}")
+    return first
 
 
 def _collect_edits(

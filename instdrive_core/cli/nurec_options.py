@@ -11,13 +11,11 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.insert import InsertScene
-from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import DataError
 from instdrive_core.formats.nurec.edit_assets import NAME, AssetEdits, read_asset_edits
-from instdrive_core.formats.nurec.hand_over import plan_hand_over
 from instdrive_core.formats.nurec.objects import find_asset, read_object
 from instdrive_core.formats.nurec.sequence_tracks import SequenceTracks, read_sequence_tracks
-from instdrive_core.formats.nurec.writing import write_hand_over
+from instdrive_core.project.nurec import describe_hand_over, export_hand_over
 from instdrive_core.scene.track import Track
 from instdrive_core.wording import format_count
 
@@ -45,20 +43,7 @@ class NurecOptions:
         """Write the folder of `nurec`, and say what NuRec cannot be told."""
         if self.nurec is None:
             return
-        count = len(document.history.done)
-        after = bake_document(document)
-        while document.undo() is not None:
-            pass
-        before = bake_document(document)
-        for _ in range(count):
-            document.redo()
-        plan = plan_hand_over(before, after, self._read_tracks())
-        write_hand_over(self.nurec, plan)
-        edits = plan.edits
-        counts = (("removed", edits.removed), ("replaced", edits.replaced), ("inserted", edits.inserted))
-        print(f"{self.nurec}: actors " + ", ".join(f"{len(items)} {what}" for what, items in counts))
-        for sentence in plan.untold:
-            print(f"not handed over, as NuRec edits moving objects only: {sentence}")
+        print(f"{self.nurec}: {describe_hand_over(export_hand_over(document, self.nurec, self.nurec_tracks))}")
 
     def _read_tracks(self) -> SequenceTracks | None:
         return None if self.nurec_tracks is None else read_sequence_tracks(self.nurec_tracks)

@@ -21,6 +21,7 @@ from instdrive_core.datasets.nerfstudio import holds_nerfstudio, load_nerfstudio
 from instdrive_core.datasets.nuscenes.clips import holds_nuscenes, holds_t4, load_nuscenes, load_t4
 from instdrive_core.datasets.nuscenes.write import write_nuscenes, write_t4
 from instdrive_core.datasets.pandaset.clips import holds_pandaset, load_pandaset
+from instdrive_core.datasets.pandaset.write import write_pandaset
 from instdrive_core.datasets.recording import Recording
 from instdrive_core.datasets.waymo.clips import holds_waymo, load_waymo
 from instdrive_core.datasets.waymo.write import write_waymo
@@ -46,7 +47,13 @@ class DataSet:
 DATA_SETS = (
     DataSet("nerfstudio", "a file 'transforms.json'", holds_nerfstudio, load_nerfstudio),
     DataSet("COLMAP", "a model in 'sparse/0' or 'sparse', photos in 'images'", holds_colmap, load_colmap),
-    DataSet("PandaSet", "folders 'camera' and 'meta' of one sequence, e.g. 002", holds_pandaset, load_pandaset),
+    DataSet(
+        "PandaSet",
+        "folders 'camera' and 'meta' of one sequence, e.g. 002",
+        holds_pandaset,
+        load_pandaset,
+        write_pandaset,
+    ),
     DataSet(
         "drivestudio",
         "what drivestudio's preprocessing made of one scene: 'images', 'extrinsics', 'intrinsics' and 'ego_pose'",

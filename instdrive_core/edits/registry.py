@@ -11,6 +11,8 @@ from instdrive_core.edits.kinds.classes import SetClass, SetInstanceClass
 from instdrive_core.edits.kinds.color import RecolorInstances, ResetColors
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows, DeleteSelected
+from instdrive_core.edits.kinds.driving.set_path import SetPath
+from instdrive_core.edits.kinds.driving.start_driving import StartDriving
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.fill_hole import FillHole
 from instdrive_core.edits.kinds.find_objects import FindObjects
@@ -102,10 +104,12 @@ EDIT_KINDS: dict[str, EditKind] = {
         EditKind(SetAdjustment, "ICON_FA_SLIDERS"),
         EditKind(SetClass, "ICON_FA_TAG"),
         EditKind(SetInstanceClass, "ICON_FA_TAG", is_old=True),
+        EditKind(SetPath, "ICON_FA_ROUTE"),
         EditKind(ShowAll, "ICON_FA_EYE"),
         EditKind(ShrinkSelection, "ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER"),
         EditKind(SoloInstances, "ICON_FA_BULLSEYE"),
         EditKind(SplitInstance, "ICON_FA_OBJECT_UNGROUP"),
+        EditKind(StartDriving, "ICON_FA_CAR_SIDE"),
         EditKind(TurnScene, "ICON_FA_ARROWS_SPIN"),
     )
 }

@@ -19,8 +19,9 @@ from instdrive_core.formats.ply.records import COMPRESSED_PLY, INRIA_PLY, SIBR_P
 from instdrive_core.formats.scene_format import Format
 from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER, SOG_LEVELS
 from instdrive_core.formats.splat import SPLAT
+from instdrive_core.formats.splatsim.records import SPLATSIM, USDZ_OF_ANY_KIND
 from instdrive_core.formats.spz.scenes import SPZ
-from instdrive_core.formats.usd.records import USD, USDA, USDC, USDZ
+from instdrive_core.formats.usd.records import USD, USDA, USDC
 from instdrive_core.formats.web_page.scenes import WEB_PAGE
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.upright import Axis
@@ -34,10 +35,11 @@ FORMATS: tuple[Format, ...] = (
     SOG_ARCHIVE,
     GLB,
     GLTF,
-    USDZ,
+    USDZ_OF_ANY_KIND,
     USDA,
     USDC,
     USD,
+    SPLATSIM,
     WEB_PAGE,
     SCENE_FOLDER,
     SOG_LEVELS,

@@ -113,7 +113,8 @@ def find_objects(
         rim = np.flatnonzero((numbers == 0) & free & (heights > config.foot) & (heights < config.highest))
     own = np.flatnonzero(chosen)
     if len(own) and len(rim):
-        distances, nearest = KDTree(places[own]).query(means[rim] / unit, distance_upper_bound=config.rim)
+        found = KDTree(places[own]).query(means[rim] / unit, distance_upper_bound=config.rim)
+        distances, nearest = np.asarray(found[0]), np.asarray(found[1])
         near = np.isfinite(distances)
         numbers[rim[near]] = chosen[own[nearest[near]]]
     report(1.0)

@@ -86,6 +86,9 @@ class Stream(IntEnum):
     TWIN_CUBOIDS = 1404
     """IDs and delays of second annotations."""
 
+    LIDAR_NOISE = 1601
+    """Noise of the ranges of recorded sweeps; by time step."""
+
     SOG_PALETTE = 1501
     """First centres of the palette of a .sog file's harmonics."""
 

@@ -135,6 +135,14 @@ def open_scene_source(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSour
     raise DataError(path, "it changes while it is opened", "Wait until the program that writes it is done")
 
 
+def reopen_base(source: SceneSource) -> Scene:
+    """Open a document's base again, as it is without edits. Raises SceneChangedError where it is another one by now."""
+    scene, found = open_scene_source(source.path, source.keep_every)
+    if found.identity != source.identity:
+        raise SceneChangedError(source.path, source.path, source.identity.sha256, found.identity.sha256)
+    return scene
+
+
 def _open_whole(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSource]:
     """Open a scene, but offer no smaller part of one that is too large: edits name the splats they mean."""
     try:

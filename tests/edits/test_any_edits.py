@@ -37,6 +37,9 @@ def adjust(kind):
 
 
 half = 0.5**0.5
+ways = st.sampled_from(
+    [[[0.2, 1.0, 1.0]], [[0.0, 0.0, 0.0], [0.3, 2.0, 0.5]], [[0.1, 1.0, 0.0, 0.5], [0.9, 0.0, 1.0, 2.0]]]
+)
 simple_edits = (
     entries("select_instances", ids=ids, mode=modes),
     entries("select_codeword", codeword=st.integers(9, 13), mode=modes),
@@ -97,6 +100,8 @@ simple_edits = (
     ),
     entries("duplicate_instances", ids=ids, translation=st.sampled_from([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0]])),
     entries("insert_scene", path=st.just("other.ply")),
+    entries("set_path", id=st.integers(1, 9), keys=ways),
+    entries("start_driving", id=st.integers(1, 9), keys=ways),
     st.sampled_from([0, 1]).map(lambda seed: {"kind": "fill_hole", **EXAMPLES["fill_hole"], "seed": seed}),
 )
 edits = st.one_of(

@@ -84,10 +84,12 @@ EXAMPLES = {
     "set_adjustment": {"ids": [CAR, PAIR], "what": "contrast", "amount": 1.5},
     "set_class": {"ids": [PAIR, ROAD], "class_name": "Thing"},
     "set_instance_class": {"id": PAIR, "class_name": "Thing"},
+    "set_path": {"id": TAXI, "keys": [[0.0, 0.0, 0.0], [0.2, 1.0, 0.5]]},
     "show_all": {},
     "shrink_selection": {"distance": 0.5},
     "solo_instances": {"ids": [CAR, TAXI]},
     "split_instance": {"id": PAIR, "gap": 0.5},
+    "start_driving": {"id": CAR, "keys": [[0.0, 2.0, 0.0], [0.3, 3.0, 0.0, 0.1]]},
     "turn_scene": {"rotation": [0.9, 0.1, 0.2, 0.3], "scale": 0.5},
 }
 """By kind, the parameters of an edit that changes `rich_document`."""

@@ -10,8 +10,9 @@ from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import explain_disabled, run_or_explain
 from instdrive_app.matching import find_best_matches
 from instdrive_app.panels.menus import format_action_title
-from instdrive_app.panels.widgets.theme import DIM, ERROR, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels
+from instdrive_app.preferences.themes import DIM, ERROR, TEXT
 from instdrive_app.session.requests import ShowPalette
 
 TITLE = "Command palette"

@@ -9,7 +9,7 @@ from imgui_bundle import imgui
 
 from instdrive_app.files.file_names import join_names
 from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sort_dropped
-from instdrive_app.panels.dialogs.new_scene import may_be_source
+from instdrive_app.panels.dialogs.making.new_scene import may_be_source
 from instdrive_app.panels.dialogs.questions import Answers, draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.editor_session import EditorSession

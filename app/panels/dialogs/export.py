@@ -95,6 +95,14 @@ class ExportOptions:
                 exporting.choice = replace(choice, coco=coco, scale=_draw_scale(ui, choice))
             case "film":
                 path = _draw_film_rows(ui, path)
+            case "nurec":
+                imgui.set_next_item_width(_COMBO_EM * imgui.get_font_size())
+                hint = "NuRec's sequence_tracks.json or .usdz (optional)"
+                tracks = imgui.input_text_with_hint("##tracks", hint, choice.nurec_tracks)[1]
+                ui.mark("export.nurec.tracks")
+                if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+                    imgui.set_tooltip("Whose actors and times are meant; without it, the scene's own")
+                exporting.choice = replace(choice, nurec_tracks=tracks)
             case "cameras" | "view":
                 imgui.align_text_to_frame_padding()
                 imgui.text(f".png   {ui.session.state.view_mode.value}, as in the view")
@@ -150,6 +158,8 @@ def _describe_choice(session: EditorSession, path: str) -> str:
             return "One folder per camera; hidden splats are left out."
         case "film":
             return _describe_film(session, path)
+        case "nurec":
+            return "edit-assets.json and external_assets. What was done to the street is listed."
         case "view":
             lens, scale = session.state.viewpoint.lens, choice.scale
             return f"{lens.width * scale:.0f} × {lens.height * scale:.0f} pixels; hidden splats are left out."

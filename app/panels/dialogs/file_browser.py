@@ -16,8 +16,9 @@ from instdrive_app.files.folder_listing import FolderEntry, list_folder
 from instdrive_app.panels.dialogs.export import ExportOptions
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, holds_scene
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
-from instdrive_app.panels.widgets.theme import DIM, ERROR, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon
+from instdrive_app.preferences.themes import DIM, ERROR
 from instdrive_app.session.requests import AskExport, AskPath, do_nothing
 
 TITLE = "Choose a file"

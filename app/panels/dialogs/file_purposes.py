@@ -7,8 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from instdrive_app.preferences.key_presets import read_keys, write_keys
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import WRITTEN
+from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import FORMATS, is_scene_folder
 from instdrive_core.project.save import SUFFIX
 
@@ -56,6 +58,8 @@ class FilePurpose:
             return ""
         if self.folders and holds_scene(path):
             return ""
+        if not self.folders:
+            return f"Choose a file whose name ends in {' or '.join(self.suffixes)}"
         return "Choose a scene file or a folder that contains a scene"
 
     def _check_new(self, path: Path) -> str:
@@ -116,10 +120,32 @@ def _export(session: EditorSession, path: Path, _: Callable[[], None]) -> None:
     session.export.write(path)
 
 
+def _export_keys(session: EditorSession, path: Path, _: Callable[[], None]) -> None:
+    chosen = session.preferences.current
+    try:
+        write_keys(path, chosen.preset, chosen.keys)
+    except DataError as error:
+        session.messages.error(str(error))
+    else:
+        session.messages.info(f"Exported the keys to {path}")
+
+
+def _import_keys(session: EditorSession, path: Path, _: Callable[[], None]) -> None:
+    try:
+        preset, keys = read_keys(path, session.actions.usual_keys)
+    except DataError as error:
+        session.messages.error(str(error))
+    else:
+        session.preferences.change(preset=preset, keys=keys)
+        session.messages.info(f"The keys are now those of {path.name}")
+
+
 PURPOSES = {
     "open": FilePurpose("Open a scene or project", "Open", (SUFFIX, *SCENE_ENDINGS), _open),
     "insert": FilePurpose("Insert a scene", "Insert", SCENE_ENDINGS, _insert),
     "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX),
+    "export_keys": FilePurpose("Export keys", "Export", (".json",), _export_keys, True, False, "_keys.json"),
+    "import_keys": FilePurpose("Import keys", "Import", (".json",), _import_keys, folders=False),
     "export": FilePurpose("Export", "Export", WRITTEN, _export, True),
 }
 """By `AskPath.purpose`; `AskExport` adapts the last one to what is exported."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, rgba
+from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill
 from instdrive_app.panels.widgets.ui import Ui, scale_pixels
 
 BUTTON_WIDTH = 92.0
@@ -55,10 +55,9 @@ def draw_confirm_buttons(ui: Ui, title: str, entered: bool, valid: bool, cancel:
     ui.mark("dialog.cancel")
     imgui.same_line()
     imgui.begin_disabled(not valid)
-    imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
-    imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND))
+    push_accent_fill()
     accepted = imgui.button(title, ImVec2(width, 0))
-    imgui.pop_style_color(2)
+    pop_accent_fill()
     ui.mark("dialog.accept")
     imgui.end_disabled()
     accepted = valid and (accepted or entered)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window, is_enter_pressed
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, rgba
+from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill
 from instdrive_app.panels.widgets.ui import Ui
 
 Answers = dict[str, Callable[[], None]]
@@ -31,12 +31,11 @@ def draw_question(ui: Ui, title: str, text: str, answers: Answers) -> None:
     for name, width in zip(names, widths, strict=True):
         proposed = name == names[-1]
         if proposed:
-            imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
-            imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND))
+            push_accent_fill()
         pressed = imgui.button(name, ImVec2(width, 0))
         ui.mark(f"question.{name}")
         if proposed:
-            imgui.pop_style_color(2)
+            pop_accent_fill()
         pressed |= proposed and is_enter_pressed()
         pressed |= name == names[0] and imgui.is_key_pressed(imgui.Key.escape)
         if pressed:

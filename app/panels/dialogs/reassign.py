@@ -65,7 +65,7 @@ class ReassignDialog:
         clipper.begin(len(self._rows.instances))
         while clipper.step():
             for instance in self._rows.instances[clipper.display_start : clipper.display_end]:
-                draw_swatch(instance)
+                draw_swatch(ui, instance)
                 imgui.same_line()
                 about = f"{instance.class_name}, #{instance.id}" if instance.class_name else f"#{instance.id}"
                 self._draw_choice(ui, instance.id, f"{instance.name}  ({about})")

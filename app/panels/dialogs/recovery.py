@@ -5,8 +5,9 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, ERROR, rgba
+from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
+from instdrive_app.preferences.themes import ERROR
 from instdrive_app.session.requests import OfferRecovery
 from instdrive_core.project.recoverable import RecoverableSession
 from instdrive_core.wording import format_count
@@ -55,10 +56,9 @@ class RecoveryDialog:
         ui.mark(f"recovery.{number}.discard")
         imgui.same_line()
         imgui.begin_disabled(bool(session.problem))
-        imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
-        imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND))
+        push_accent_fill()
         recovered = imgui.button("Recover", ImVec2(9 * em, 0))
-        imgui.pop_style_color(2)
+        pop_accent_fill()
         imgui.end_disabled()
         ui.mark(f"recovery.{number}.recover")
         changes = format_count(session.edits, "change")

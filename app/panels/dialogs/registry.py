@@ -10,9 +10,8 @@ from instdrive_app.panels.dialogs import (
     command_palette,
     dropped,
     file_browser,
-    job_questions,
-    new_scene,
     other_save,
+    preferences,
     reassign,
     recovery,
     rename,
@@ -23,6 +22,7 @@ from instdrive_app.panels.dialogs import (
     turn_upright,
     unsaved,
 )
+from instdrive_app.panels.dialogs.making import job_questions, new_scene, record_drive
 from instdrive_app.session.requests import (
     AskChangedScene,
     AskClass,
@@ -32,7 +32,9 @@ from instdrive_app.session.requests import (
     AskNewScene,
     AskOtherSave,
     AskPath,
+    AskPreferences,
     AskReassign,
+    AskRecord,
     AskSplit,
     AskTooLarge,
     AskUnsaved,
@@ -49,6 +51,7 @@ from instdrive_app.session.requests import (
 DIALOGS = (
     DialogRecord(file_browser.TITLE, "ICON_FA_FOLDER_OPEN", file_browser.FileBrowser, (AskPath, AskExport)),
     DialogRecord(new_scene.TITLE, "ICON_FA_WAND_MAGIC_SPARKLES", new_scene.NewSceneDialog, (AskNewScene,)),
+    DialogRecord(record_drive.TITLE, "ICON_FA_VIDEO", record_drive.RecordDialog, (AskRecord,)),
     DialogRecord(job_questions.LEAVE_TITLE, "ICON_FA_HOURGLASS_HALF", job_questions.LeaveJobDialog, (AskLeaveJob,)),
     DialogRecord(job_questions.OFFER_TITLE, "ICON_FA_ROTATE", job_questions.OfferJobDialog, (OfferJob,)),
     DialogRecord(rename.TITLE, "ICON_FA_PEN", rename.RenameDialog, (AskName,)),
@@ -56,6 +59,7 @@ DIALOGS = (
     DialogRecord(split.TITLE, "ICON_FA_OBJECT_UNGROUP", split.SplitDialog, (AskSplit,)),
     DialogRecord(reassign.TITLE, "ICON_FA_RIGHT_LEFT", reassign.ReassignDialog, (AskReassign,)),
     DialogRecord(shortcuts.TITLE, "ICON_FA_KEYBOARD", shortcuts.ShortcutSheet, (ShowShortcuts,)),
+    DialogRecord(preferences.TITLE, "ICON_FA_GEAR", preferences.PreferencesDialog, (AskPreferences,)),
     DialogRecord(about.TITLE, "ICON_FA_CIRCLE_INFO", about.AboutDialog, (ShowAbout,)),
     DialogRecord(command_palette.TITLE, "ICON_FA_MAGNIFYING_GLASS", command_palette.CommandPalette, (ShowPalette,)),
     DialogRecord(unsaved.TITLE, "ICON_FA_FLOPPY_DISK", unsaved.UnsavedDialog, (AskUnsaved,)),

@@ -8,8 +8,9 @@ from typing import NamedTuple
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.widgets.gestures import Gesture
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels
+from instdrive_app.preferences.themes import DIM, TEXT
 from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind
 from instdrive_core.edits.document.document import Document
@@ -80,10 +81,7 @@ class AdjustSection:
         reset = imgui.get_frame_height()
         imgui.set_next_item_width(imgui.get_content_region_avail().x - reset - scale_pixels(4))
         form = "mixed" if mixed else slider.form
-        imgui.push_style_color(imgui.Col_.slider_grab, rgba(ACCENT, 0.4))  # the amount stands on it
-        imgui.push_style_color(imgui.Col_.slider_grab_active, rgba(ACCENT, 0.6))
         changed, value = imgui.slider_float(f"##{kind}", amount * slider.scale, slider.low, slider.high, form)
-        imgui.pop_style_color(2)
         gesture = self._gestures[kind].name_drag()
         ui.mark(f"inspector.adjust.{kind}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):

@@ -11,7 +11,7 @@ from instdrive_app.panels.inspector.adjust import AdjustSection
 from instdrive_app.panels.inspector.facts import FactsSection, TextField
 from instdrive_app.panels.inspector.placement import PlacementSection
 from instdrive_app.panels.inspector.recolor import RecolorSection
-from instdrive_app.panels.widgets.theme import PANEL, RAISED, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import (
     Ui,
     draw_action_button,
@@ -20,6 +20,7 @@ from instdrive_app.panels.widgets.ui import (
     scale_pixels,
     scale_size,
 )
+from instdrive_app.preferences.themes import PANEL, RAISED
 from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.table import Instance
 
@@ -78,7 +79,7 @@ class InspectorPanel:
             imgui.text(f"{len(ids)} instances")
             imgui.pop_font()
             return
-        _draw_framed_swatch(instance)
+        _draw_framed_swatch(ui, instance)
         imgui.same_line(0, scale_pixels(2))
         imgui.push_style_color(imgui.Col_.frame_bg, rgba(PANEL))
         name = self._name.draw(
@@ -108,11 +109,11 @@ def _advise(ui: Ui, document: Document | None) -> str:
     return "Click an object in the view to inspect and edit it."
 
 
-def _draw_framed_swatch(instance: Instance) -> None:
+def _draw_framed_swatch(ui: Ui, instance: Instance) -> None:
     """Draw a swatch as high as the field beside it, so that what follows on the line keeps its place."""
     size, height, at = imgui.get_text_line_height() * 0.8, imgui.get_frame_height(), imgui.get_cursor_screen_pos()
     top = at.y + (height - size) / 2
-    color = imgui.get_color_u32(get_swatch_color(instance))
+    color = imgui.get_color_u32(get_swatch_color(ui, instance))
     imgui.get_window_draw_list().add_rect_filled(
         ImVec2(at.x, top), ImVec2(at.x + size, top + size), color, scale_pixels(3)
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from instdrive_app.panels.widgets.gestures import Gesture
-from instdrive_app.panels.widgets.theme import ACCENT, TEXT, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import (
     Ui,
     draw_bounded_slider,
@@ -14,6 +14,7 @@ from instdrive_app.panels.widgets.ui import (
     scale_pixels,
     scale_size,
 )
+from instdrive_app.preferences.themes import ACCENT, TEXT
 from instdrive_app.session.color_controller import ColorMode
 from instdrive_core.edits.bases.body_color import RGB, find_body_color
 from instdrive_core.edits.document.document import Document

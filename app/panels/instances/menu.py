@@ -34,7 +34,7 @@ def draw_instance_menu(ui: Ui, instance_id: int) -> None:
         return
     ids = ui.session.selection.ids if instance_id in ui.session.selection.ids else (instance_id,)
     instance = document.scene.table[instance_id]
-    draw_swatch(instance)
+    draw_swatch(ui, instance)
     imgui.same_line()
     imgui.text(fit_text(instance.name, scale_pixels(WIDEST)) if len(ids) == 1 else f"{len(ids)} instances")
     imgui.separator()

@@ -10,8 +10,9 @@ from instdrive_app.panels.instances.list_walk import Step, Walk
 from instdrive_app.panels.instances.row import BIT_SIZE, COLUMNS, Row, RowPainter
 from instdrive_app.panels.instances.rows import InstanceRows, Query
 from instdrive_app.panels.instances.seen_moving import SeenMovingList
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
+from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill, rgba
 from instdrive_app.panels.widgets.ui import Ui, get_icon, scale_pixels, scale_size
+from instdrive_app.preferences.themes import ACCENT, DIM
 from instdrive_app.session.requests import AskName
 from instdrive_core.edits.document.document import Document
 from instdrive_core.wording import format_count
@@ -116,11 +117,11 @@ class InstancesPanel:
 
     def _draw_chip(self, ui: Ui, name: str, text: str, on: bool) -> None:
         if on:
-            imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
-        imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT, 1.0 if on else 0.85))
+            push_accent_fill()
         if imgui.button(f"{text}##class {name}"):
             self._query = replace(self._query, class_name=None if on else name)
-        imgui.pop_style_color(2 if on else 1)
+        if on:
+            pop_accent_fill()
         ui.mark(f"instances.class.{name or UNKNOWN}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip("List all classes again" if on else f"List only {name or 'instances without a class'}")

@@ -9,8 +9,9 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.instances.menu import draw_instance_menu
 from instdrive_app.panels.widgets.codeword import draw_bit_squares
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_swatch, fit_text, get_icon, scale_pixels, scale_size
+from instdrive_app.preferences.themes import ACCENT, DIM, TEXT
 from instdrive_core.edits.document.document import InstanceSummary
 from instdrive_core.instances.table import Instance
 
@@ -80,7 +81,7 @@ class RowPainter:
         imgui.push_id(instance.id)
         imgui.table_next_row()
         imgui.table_set_column_index(_PLACE["Colour"])
-        draw_swatch(instance)
+        draw_swatch(ui, instance)
         clicked = self._draw_number(ui, row)
         if imgui.table_set_column_index(_PLACE["Code"]) and row.code_bits:
             imgui.set_cursor_pos_y(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import DIM, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, get_icon
+from instdrive_app.preferences.themes import DIM
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.seen_moving import SeenMover
 from instdrive_core.wording import format_count

@@ -5,8 +5,9 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.overlays.world_pen import WorldPen
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
+from instdrive_app.preferences.themes import PICTURE_ACCENT, PICTURE_SHADE, PICTURE_TEXT
 from instdrive_app.session.aids.box_handles import CENTER, locate_handles
 from instdrive_app.session.selection_box import BOX_EDGES
 
@@ -27,10 +28,10 @@ class BoxOverlay:
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
         pen = WorldPen(camera, place)
         for first, second in BOX_EDGES:
-            pen.draw_line(box.corners[first], box.corners[second], pack_color(ACCENT, 0.9 if is_held else 0.4))
+            pen.draw_line(box.corners[first], box.corners[second], pack_color(PICTURE_ACCENT, 0.9 if is_held else 0.4))
         for name, (x, y) in locate_handles(box, camera).items() if is_held else ():
             at, radius = ImVec2(place.x + x, place.y + y), scale_pixels(HANDLE)
-            draw.add_circle_filled(at, radius + scale_pixels(1.5), pack_color(BACKGROUND, 0.8))
-            draw.add_circle_filled(at, radius, pack_color(TEXT if name == CENTER else ACCENT))
+            draw.add_circle_filled(at, radius + scale_pixels(1.5), pack_color(PICTURE_SHADE, 0.8))
+            draw.add_circle_filled(at, radius, pack_color(PICTURE_TEXT if name == CENTER else PICTURE_ACCENT))
             ui.marks[f"gizmo.box.{name}"] = (at.x - MARK, at.y - MARK, at.x + MARK, at.y + MARK)
         draw.pop_clip_rect()

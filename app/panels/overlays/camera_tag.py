@@ -5,8 +5,9 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.overlays.ground_grid import choose_grid_spacing
-from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
+from instdrive_app.preferences.themes import BACKGROUND, TEXT
 from instdrive_app.state import ViewMode
 
 LEGEND_HEIGHT = 50.0

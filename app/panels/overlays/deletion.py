@@ -11,8 +11,9 @@ from numpy import ndarray
 
 from instdrive_app.action import Action
 from instdrive_app.panels.overlays.hole_pattern import HolePattern, build_hole_pattern, project_shapes
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, ERROR, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
+from instdrive_app.preferences.themes import BACKGROUND, DIM, ERROR, PICTURE_ACCENT, PICTURE_SHADE, TEXT, Color, Role
 from instdrive_app.session.deletion_review import DeletionFindings
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.holes.holes import Hole
@@ -73,14 +74,14 @@ def _draw_pattern(pattern: HolePattern, camera: Camera, place: Rectangle) -> Non
     stripes, hatching, outline = pattern.project(camera)
     # `add_quad_filled` would draw soft edges, which show where stripes meet.
     draw.prim_reserve(6 * len(stripes), 4 * len(stripes))
-    blank, color = imgui.get_font_tex_uv_white_pixel(), pack_color(ACCENT, 0.18)
+    blank, color = imgui.get_font_tex_uv_white_pixel(), pack_color(PICTURE_ACCENT, 0.18)
     for corners in stripes:
         a, b, c, d = (ImVec2(origin.x + x, origin.y + y) for x, y in corners)
         draw.prim_quad_uv(a, b, c, d, blank, blank, blank, blank, color)
     for lines, alpha, width in ((hatching, 0.35, 1.0), (outline, 0.9, 1.5)):
         for (ax, ay), (bx, by) in lines:
             start, end = ImVec2(origin.x + ax, origin.y + ay), ImVec2(origin.x + bx, origin.y + by)
-            draw.add_line(start, end, pack_color(ACCENT, alpha), scale_pixels(width))
+            draw.add_line(start, end, pack_color(PICTURE_ACCENT, alpha), scale_pixels(width))
 
 
 def _place_residue(found: DeletionFindings, scene: Scene, time: float) -> Float64[ndarray, "r 3"]:
@@ -97,7 +98,7 @@ def _draw_dots(places: Float64[ndarray, "r 3"], camera: Camera, place: Rectangle
     draw = imgui.get_window_draw_list()
     for ((x, y),) in project_shapes(places[:, None], camera):
         at = ImVec2(place.x + x, place.y + y)
-        draw.add_circle_filled(at, scale_pixels(DOT + 1), pack_color(BACKGROUND, 0.6), 12)
+        draw.add_circle_filled(at, scale_pixels(DOT + 1), pack_color(PICTURE_SHADE, 0.6), 12)
         draw.add_circle_filled(at, scale_pixels(DOT), pack_color(ERROR), 12)
 
 
@@ -154,7 +155,7 @@ def _block_clicks(low: ImVec2, high: ImVec2) -> None:
     imgui.invisible_button("##deletion review", ImVec2(high.x - low.x, high.y - low.y))
 
 
-def _draw_text(left: float, top: float, text: str, color: tuple[float, float, float]) -> None:
+def _draw_text(left: float, top: float, text: str, color: Color | Role) -> None:
     at = ImVec2(left, top + imgui.get_style().frame_padding.y)
     imgui.get_window_draw_list().add_text(at, pack_color(color), text)
 

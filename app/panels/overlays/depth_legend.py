@@ -7,8 +7,9 @@ from itertools import pairwise
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
+from instdrive_app.preferences.themes import BACKGROUND, TEXT
 from instdrive_app.render.gl.present_pass import DEPTH_RAMP
 from instdrive_app.state import ViewMode
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import DIM, TEXT, Color, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
+from instdrive_app.preferences.themes import PICTURE_TEXT, Color
 
 WAIT_SECONDS = 0.7
 """Time without a picture after which the notice appears; resizing the window takes less."""
@@ -28,10 +29,10 @@ class FirstPictureNotice:
         if waited < WAIT_SECONDS:
             return
         middle = place.y + place.height / 2
-        _draw_centered("Preparing the view…", place, middle - scale_pixels(12), TEXT)
+        _draw_centered("Preparing the view…", place, middle - scale_pixels(12), PICTURE_TEXT)
         if waited > LONG_WAIT_SECONDS:
             why = "The first start compiles the drawing code for this processor. This takes about half a minute, once."
-            _draw_centered(why, place, middle + scale_pixels(12), DIM)
+            _draw_centered(why, place, middle + scale_pixels(12), PICTURE_TEXT)
         ui.marks["viewport.preparing"] = (place.x, middle, place.x + place.width, middle + 1)
 
 

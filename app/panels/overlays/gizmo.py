@@ -10,9 +10,10 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.panels.overlays.world_pen import WorldPen
-from instdrive_app.panels.widgets.theme import ACCENT, TEXT, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Operation
+from instdrive_app.preferences.themes import PICTURE_ACCENT, PICTURE_TEXT
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.selection_box import BOX_EDGES, Box, compute_upright_axes
 from instdrive_core.scene.camera import Camera
@@ -64,15 +65,15 @@ class Gizmo:
         camera, box = snapshot.camera, moving.find_box()
         pen = WorldPen(camera, place)
         for first, second in BOX_EDGES:
-            pen.draw_line(box.corners[first], box.corners[second], pack_color(ACCENT, 0.45))
+            pen.draw_line(box.corners[first], box.corners[second], pack_color(PICTURE_ACCENT, 0.45))
         for path in moving.find_paths():
             for start, end in pairwise(path):
-                pen.draw_line(start, end, pack_color(TEXT, 0.7))
+                pen.draw_line(start, end, pack_color(PICTURE_TEXT, 0.7))
         drag = moving.drag
         axes = choose_gizmo_axes(moving, box, operation) if drag is None else drag.axes
         if operation == "move" and moving.options.along_lane:
             reach = LANE_METRES * axes[:, 1]
-            pen.draw_dashes(moving.find_center() - reach, moving.find_center() + reach, pack_color(TEXT, 0.55))
+            pen.draw_dashes(moving.find_center() - reach, moving.find_center() + reach, pack_color(PICTURE_TEXT, 0.55))
         self._manipulate(ui, place, camera, operation, axes)
         _mark_handles(ui, pen, camera, operation, moving.find_center(), axes)
 

@@ -7,8 +7,9 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.panels.overlays.world_pen import WorldPen
-from instdrive_app.panels.widgets.theme import TEXT, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui
+from instdrive_app.preferences.themes import PICTURE_TEXT
 from instdrive_app.state import Viewpoint
 
 CELLS = 12
@@ -40,7 +41,7 @@ class GridOverlay:
         corner[2] = 0.0 if height is None else height
         pen = WorldPen(snapshot.camera, place, 1.0)
         for start, end, is_strong in list_grid_lines(corner, spacing):
-            pen.draw_line(start, end, pack_color(TEXT, 0.55 if is_strong else 0.22))
+            pen.draw_line(start, end, pack_color(PICTURE_TEXT, 0.55 if is_strong else 0.22))
 
 
 def choose_grid_spacing(viewpoint: Viewpoint) -> float:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import BACKGROUND, DIM, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_swatch, fit_text, scale_pixels
+from instdrive_app.preferences.themes import BACKGROUND, DIM
 from instdrive_core.wording import format_count
 
 WIDEST = 320.0
@@ -43,7 +44,7 @@ class HoverLabel:
         passive = flags.no_inputs | flags.no_decoration | flags.always_auto_resize | flags.no_saved_settings
         imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.92))
         imgui.begin("##hover label", None, passive | flags.no_docking | flags.no_focus_on_appearing | flags.no_nav)
-        draw_swatch(instance)
+        draw_swatch(ui, instance)
         imgui.same_line()
         imgui.push_font(ui.fonts.bold, 0.0)
         imgui.text(name)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import BACKGROUND, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_bounded_slider, scale_pixels
+from instdrive_app.preferences.themes import BACKGROUND
 from instdrive_app.state import SPLAT_MODES, ViewMode
 
 SHOWN_IN = (ViewMode.INSTANCE, ViewMode.CODEWORD, *SPLAT_MODES)

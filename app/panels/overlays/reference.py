@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
+from instdrive_app.preferences.themes import BACKGROUND, DIM, PICTURE_ACCENT, PICTURE_SHADE, TEXT
 from instdrive_app.state import Reference
 
 GAP = 2
@@ -57,8 +58,8 @@ def draw_reference_beside(ui: Ui, place: Rectangle) -> None:
         x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
         arm = scale_pixels(9)
         for low, high in (((x - arm, y), (x + arm, y)), ((x, y - arm), (x, y + arm))):
-            draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(BACKGROUND, 0.8), scale_pixels(3))
-            draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(ACCENT), scale_pixels(1))
+            draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(PICTURE_SHADE, 0.8), scale_pixels(3))
+            draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(PICTURE_ACCENT), scale_pixels(1))
 
 
 def _find_texture(ui: Ui) -> int | None:

@@ -7,9 +7,10 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Point, choose_selection_mode
+from instdrive_app.preferences.themes import PICTURE_SHADE, PICTURE_TEXT
 
 DASH = 5.0
 """Length of a dash, and of the gap after it, in pixels."""
@@ -29,8 +30,8 @@ class RegionOutline:
         draw = imgui.get_window_draw_list()
         corners: list[imgui.ImVec2Like] = [ImVec2(place.x + x, place.y + y) for x, y in outline]
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
-        draw.add_polyline(corners, pack_color(BACKGROUND, 0.85), scale_pixels(2.5), imgui.ImDrawFlags_.closed)
-        light = pack_color(TEXT)
+        draw.add_polyline(corners, pack_color(PICTURE_SHADE, 0.85), scale_pixels(2.5), imgui.ImDrawFlags_.closed)
+        light = pack_color(PICTURE_TEXT)
         for x0, y0, x1, y1 in compute_dashes(outline, imgui.get_time() * PACE).tolist():
             draw.add_line(
                 ImVec2(place.x + x0, place.y + y0), ImVec2(place.x + x1, place.y + y1), light, scale_pixels(1.2)
@@ -62,7 +63,7 @@ def _draw_mode() -> None:
     draw.add_rect_filled(
         ImVec2(left - scale_pixels(6), top - scale_pixels(3)),
         ImVec2(left + size.x + scale_pixels(6), top + size.y + scale_pixels(3)),
-        pack_color(BACKGROUND, 0.85),
+        pack_color(PICTURE_SHADE, 0.85),
         scale_pixels(4),
     )
-    draw.add_text(ImVec2(left, top), pack_color(TEXT), word)
+    draw.add_text(ImVec2(left, top), pack_color(PICTURE_TEXT), word)

@@ -9,6 +9,7 @@ from instdrive_app.panels.overlays.camera_tag import CameraTag
 from instdrive_app.panels.overlays.deletion import DeletionOverlay
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
 from instdrive_app.panels.overlays.first_picture import FirstPictureNotice
+from instdrive_app.panels.overlays.first_steps import FirstSteps
 from instdrive_app.panels.overlays.gizmo import Gizmo
 from instdrive_app.panels.overlays.ground_grid import GridOverlay
 from instdrive_app.panels.overlays.hover_label import HoverLabel
@@ -40,6 +41,7 @@ ABOVE_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
     OverlayRecord("Label of the hovered instance", "ICON_FA_COMMENT", HoverLabel),
     OverlayRecord("What lies behind each other", "ICON_FA_LAYER_GROUP", StackList),
     OverlayRecord("Question which way is up", "ICON_FA_ARROWS_SPIN", UprightBar),
+    OverlayRecord("First steps", "ICON_FA_SHOE_PRINTS", FirstSteps),
     OverlayRecord("Outline of a region", "ICON_FA_DRAW_POLYGON", RegionOutline),
     OverlayRecord("Ring of the brush", "ICON_FA_CIRCLE", BrushRing),
 )

@@ -5,8 +5,9 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.overlays.world_pen import WorldPen
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, pack_color
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
+from instdrive_app.preferences.themes import PICTURE_ACCENT, PICTURE_SHADE, PICTURE_TEXT
 
 DOT = 4.0
 """Radius of an end, pixels at scale 1."""
@@ -31,15 +32,15 @@ class RulerOverlay:
             start, end = ruler.points
             corner = end.copy()
             corner[2] = start[2]
-            pen.draw_dashes(start, corner, pack_color(TEXT, 0.6))
-            pen.draw_dashes(corner, end, pack_color(TEXT, 0.6))
-            pen.draw_line(start, end, pack_color(ACCENT))
+            pen.draw_dashes(start, corner, pack_color(PICTURE_TEXT, 0.6))
+            pen.draw_dashes(corner, end, pack_color(PICTURE_TEXT, 0.6))
+            pen.draw_line(start, end, pack_color(PICTURE_ACCENT))
             self._draw_label(ui, pen, place)
         for point in ruler.points:
             pixel = pen.project(point)
             if pixel is not None:
-                draw.add_circle_filled(ImVec2(*pixel), scale_pixels(DOT + 1.5), pack_color(BACKGROUND, 0.8))
-                draw.add_circle_filled(ImVec2(*pixel), scale_pixels(DOT), pack_color(ACCENT))
+                draw.add_circle_filled(ImVec2(*pixel), scale_pixels(DOT + 1.5), pack_color(PICTURE_SHADE, 0.8))
+                draw.add_circle_filled(ImVec2(*pixel), scale_pixels(DOT), pack_color(PICTURE_ACCENT))
         draw.pop_clip_rect()
 
     def _draw_label(self, ui: Ui, pen: WorldPen, place: Rectangle) -> None:
@@ -53,6 +54,6 @@ class RulerOverlay:
         left = min(max(middle[0] - size.x / 2, place.x + pad), place.x + place.width - size.x - 2 * pad)
         top = min(max(middle[1] - 2.2 * size.y, place.y + pad), place.y + place.height - size.y - 2 * pad)
         low, high = ImVec2(left - pad, top - pad / 2), ImVec2(left + size.x + pad, top + size.y + pad / 2)
-        draw.add_rect_filled(low, high, pack_color(BACKGROUND, 0.85), scale_pixels(4))
-        draw.add_text(ImVec2(left, top), pack_color(TEXT), text)
+        draw.add_rect_filled(low, high, pack_color(PICTURE_SHADE, 0.85), scale_pixels(4))
+        draw.add_text(ImVec2(left, top), pack_color(PICTURE_TEXT), text)
         ui.marks["gizmo.ruler"] = (low.x, low.y, high.x, high.y)

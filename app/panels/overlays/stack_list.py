@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import BACKGROUND, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_swatch, fit_text, scale_pixels
+from instdrive_app.preferences.themes import BACKGROUND
 from instdrive_app.state import Stack
 
 WIDEST = 240.0
@@ -59,7 +60,7 @@ class StackList:
         document = ui.session.document
         assert document is not None
         instance = document.scene.table[stack.ids[number]]
-        draw_swatch(instance)
+        draw_swatch(ui, instance)
         imgui.same_line()
         name = fit_text(instance.name, imgui.get_content_region_avail().x)
         if imgui.selectable(f"{name}##stack {instance.id}", number == stack.chosen)[0]:

@@ -8,8 +8,9 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import explain_disabled, run_or_explain
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.theme import pack_color, pop_accent_fill, push_accent_fill, push_plate_fill
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
+from instdrive_app.preferences.themes import BACKGROUND, DIM, TEXT
 
 MARGIN = 10.0
 """Distance between the picture's edge and the bar; like the other lengths in pixels at scale 1."""
@@ -98,16 +99,13 @@ def _draw_tool_button(ui: Ui, command: Action, corner: ImVec2, side: float) -> N
     """Draw an icon button, filled with the accent colour if the action is on; `corner` is the plate's top left."""
     imgui.set_cursor_screen_pos(ImVec2(corner.x + scale_pixels(PADDING), corner.y + scale_pixels(PADDING)))
     on = command.checked is not None and command.checked()
-    imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.95) if on else rgba(BACKGROUND, 0.0))
-    if on:
-        imgui.push_style_color(imgui.Col_.button_hovered, rgba(ACCENT))
     enabled = command.enabled()
-    imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT if enabled else DIM))
+    push_accent_fill() if on else push_plate_fill(0.0, TEXT if enabled else DIM)
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, 0))
     if imgui.button(f"{get_icon(command.icon)}##{command.id}", ImVec2(side, side)):
         run_or_explain(ui.session, command)
     imgui.pop_style_var()
-    imgui.pop_style_color(3 if on else 2)
+    pop_accent_fill()
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         keys = f"  ({format_shortcut(command.shortcuts[0])})" if command.shortcuts else ""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import BACKGROUND, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
+from instdrive_app.preferences.themes import BACKGROUND
 from instdrive_app.session.turn_controller import TurnOffer
 
 TOP = 48.0

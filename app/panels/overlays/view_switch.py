@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, rgba
+from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill, push_plate_fill
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels, scale_size
 from instdrive_app.state import ViewMode
 
@@ -28,12 +28,11 @@ class ViewSwitch:
                 break  # the menu and the keys have them all
             command = ui.session.actions[f"view.{mode.name.lower()}"]
             on = ui.session.state.view_mode is mode
-            imgui.push_style_color(imgui.Col_.button, rgba(ACCENT if on else BACKGROUND, 0.95 if on else 0.78))
-            imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
+            push_accent_fill() if on else push_plate_fill(0.78)
             word = f"##{command.id}" if is_cramped or (narrow and not on) else f"  {mode.value}"
             if imgui.button(f"{get_icon(command.icon)}{word}"):
                 command.run()
-            imgui.pop_style_color(2)
+            pop_accent_fill()
             ui.mark(command.id)
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
                 imgui.set_tooltip(f"{mode.value}  ({command.shortcuts[0]})")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, HOVER, pack_color, rgba
+from instdrive_app.panels.widgets.theme import pack_color, rgba
+from instdrive_app.preferences.themes import ACCENT, DIM, HOVER
 
 
 def draw_bit_squares(codeword: int, bits: int, size: float, gap: float) -> None:

@@ -1,4 +1,4 @@
-"""The editor's look: dark and quiet, with one warm accent that the selection's outline shares."""
+"""The editor's look in ImGui's terms: the colours of the present theme, fonts, roundings and spacings."""
 
 from __future__ import annotations
 
@@ -10,29 +10,64 @@ import imgui_bundle
 from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
 
 from instdrive_app.files.system_fonts import find_fallback_fonts, list_font_folders
-
-Color = tuple[float, float, float]
-
-BACKGROUND: Color = (0.086, 0.094, 0.106)
-PANEL: Color = (0.114, 0.122, 0.137)
-RAISED: Color = (0.165, 0.176, 0.196)
-HOVER: Color = (0.220, 0.235, 0.262)
-LINE: Color = (0.200, 0.212, 0.235)
-TEXT: Color = (0.885, 0.895, 0.910)
-DIM: Color = (0.565, 0.590, 0.630)
-ACCENT: Color = (1.000, 0.720, 0.200)
-ERROR: Color = (0.960, 0.380, 0.340)
-GOOD: Color = (0.420, 0.780, 0.520)
+from instdrive_app.preferences.themes import (
+    ACCENT,
+    BACKGROUND,
+    DEFAULT_THEME,
+    DIM,
+    HOVER,
+    LINE,
+    ON_ACCENT,
+    PANEL,
+    POPUP,
+    RAISED,
+    TEXT,
+    THEMES,
+    Color,
+    Role,
+    Theme,
+)
 
 FONT_SIZE = 15.0
 
 
-def rgba(color: Color, alpha: float = 1.0) -> ImVec4:
+_present: list[Theme] = [THEMES[DEFAULT_THEME]]
+"""The one theme that is shown; ImGui's style, too, is one for the whole program."""
+
+
+def look_up(color: Color | Role) -> Color:
+    """Look up what a role's colour is in the present theme; other colours stay as they are."""
+    return getattr(_present[0], color.value) if isinstance(color, Role) else color
+
+
+def rgba(color: Color | Role, alpha: float = 1.0) -> ImVec4:
     """Make an ImGui colour."""
-    return ImVec4(*color, alpha)
+    return ImVec4(*look_up(color), alpha)
 
 
-def pack_color(color: Color, alpha: float = 1.0) -> int:
+def push_accent_fill() -> None:
+    """Fill the buttons that follow with the accent, until `pop_accent_fill`; their text can be read while hovered."""
+    fill = imgui.Col_
+    for index in (fill.button, fill.button_hovered, fill.button_active):
+        imgui.push_style_color(index, rgba(ACCENT))
+    imgui.push_style_color(fill.text, rgba(ON_ACCENT))
+
+
+def push_plate_fill(alpha: float, text: Role = TEXT) -> None:
+    """Let the buttons that follow lie on the picture as a plate of this opacity, until `pop_accent_fill`."""
+    fill = imgui.Col_
+    imgui.push_style_color(fill.button, rgba(BACKGROUND, alpha))
+    imgui.push_style_color(fill.button_hovered, rgba(HOVER))
+    imgui.push_style_color(fill.button_active, rgba(HOVER))
+    imgui.push_style_color(fill.text, rgba(text))
+
+
+def pop_accent_fill() -> None:
+    """Let buttons look as they did before `push_accent_fill` or `push_plate_fill`."""
+    imgui.pop_style_color(4)
+
+
+def pack_color(color: Color | Role, alpha: float = 1.0) -> int:
     """Pack a colour into the integer that draw lists take."""
     return imgui.get_color_u32(rgba(color, alpha))
 
@@ -72,7 +107,6 @@ def _load_font(name: str, fallbacks: Sequence[Path]) -> imgui.ImFont:
 def apply_style() -> None:
     """Set ImGui's colours, roundings and spacings."""
     style = imgui.get_style()
-    imgui.style_colors_dark()
     style.window_padding, style.frame_padding = ImVec2(10, 8), ImVec2(8, 4)
     style.item_spacing, style.item_inner_spacing = ImVec2(8, 6), ImVec2(6, 4)
     style.cell_padding, style.indent_spacing = ImVec2(6, 3), 14
@@ -80,22 +114,31 @@ def apply_style() -> None:
     style.frame_rounding = style.grab_rounding = style.tab_rounding = 4
     style.scrollbar_size, style.scrollbar_rounding = 10, 5
     style.window_border_size = style.child_border_size = style.popup_border_size = 1
-    style.frame_border_size = style.tab_border_size = 0
+    style.tab_border_size = 0
     style.tab_bar_border_size, style.tab_bar_overline_size = 1, 2
     style.docking_separator_size = 2
     style.window_menu_button_position = imgui.Dir.none
+    apply_theme(THEMES[DEFAULT_THEME])
+
+
+def apply_theme(theme: Theme) -> None:
+    """Show the window in the colours of a theme from the next frame on."""
+    _present[0] = theme
+    style = imgui.get_style()
+    (imgui.style_colors_light if theme.is_light else imgui.style_colors_dark)()
+    style.frame_border_size = theme.frame_border
     for index, color in _build_colors().items():
         style.set_color_(index, color)
 
 
 def _build_colors() -> dict[int, ImVec4]:
-    col = imgui.Col_
+    col, fill = imgui.Col_, _present[0].fill
     return {
         col.text: rgba(TEXT),
         col.text_disabled: rgba(DIM),
         col.window_bg: rgba(PANEL),
         col.child_bg: rgba(PANEL, 0.0),
-        col.popup_bg: rgba((0.135, 0.145, 0.162), 0.99),
+        col.popup_bg: rgba(POPUP, 0.99),
         col.border: rgba(LINE),
         col.border_shadow: rgba(LINE, 0.0),
         col.frame_bg: rgba(RAISED),
@@ -111,14 +154,14 @@ def _build_colors() -> dict[int, ImVec4]:
         col.scrollbar_grab_active: rgba(DIM, 0.8),
         col.check_mark: rgba(ACCENT),
         # The value is written over the thumb, and must be readable there.
-        col.slider_grab: rgba(ACCENT, 0.45),
-        col.slider_grab_active: rgba(ACCENT, 0.6),
+        col.slider_grab: rgba(ACCENT, fill),
+        col.slider_grab_active: rgba(ACCENT, fill),
         col.button: rgba(RAISED),
         col.button_hovered: rgba(HOVER),
-        col.button_active: rgba(ACCENT, 0.45),
-        col.header: rgba(ACCENT, 0.20),
+        col.button_active: rgba(ACCENT, fill),
+        col.header: rgba(ACCENT, 0.7 * fill),
         col.header_hovered: rgba(HOVER),
-        col.header_active: rgba(ACCENT, 0.32),
+        col.header_active: rgba(ACCENT, fill),
         col.separator: rgba(LINE),
         col.separator_hovered: rgba(ACCENT, 0.6),
         col.separator_active: rgba(ACCENT),
@@ -138,8 +181,8 @@ def _build_colors() -> dict[int, ImVec4]:
         col.table_border_strong: rgba(LINE),
         col.table_border_light: rgba(LINE, 0.6),
         col.table_row_bg: rgba(PANEL, 0.0),
-        col.table_row_bg_alt: rgba((1.0, 1.0, 1.0), 0.018),
-        col.text_selected_bg: rgba(ACCENT, 0.35),
+        col.table_row_bg_alt: rgba(TEXT, 0.018),
+        col.text_selected_bg: rgba(ACCENT, fill),
         col.nav_cursor: rgba(ACCENT),
         col.modal_window_dim_bg: rgba((0.0, 0.0, 0.0), 0.55),
     }

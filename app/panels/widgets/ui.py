@@ -11,8 +11,10 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import run_or_explain
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, FONT_SIZE, TEXT, Fonts, pack_color, rgba
+from instdrive_app.panels.widgets.theme import FONT_SIZE, Fonts, pack_color, rgba
 from instdrive_app.pointer import Tool
+from instdrive_app.preferences.instance_colors import paint_safe_colors
+from instdrive_app.preferences.themes import ACCENT, DIM, TEXT
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.session.editor_session import EditorSession
@@ -93,21 +95,22 @@ def get_icon(name: str) -> str:
     return getattr(icons_fontawesome_6, name)
 
 
-def get_swatch_color(instance: Instance) -> ImVec4:
+def get_swatch_color(ui: Ui, instance: Instance) -> ImVec4:
     """Look up an instance's colour in the ID view."""
-    r, g, b = instance.color
+    number = np.array(instance.id, np.uint32)
+    r, g, b = paint_safe_colors(number).tolist() if ui.session.state.safe_colors else instance.color
     return ImVec4(r / 255, g / 255, b / 255, 1.0)
 
 
-def draw_swatch(instance: Instance, size: float = 0.0) -> None:
+def draw_swatch(ui: Ui, instance: Instance, size: float = 0.0) -> None:
     """Draw a small square in the instance's ID colour on the text line."""
     size = size or imgui.get_text_line_height() * 0.8
     at = imgui.get_cursor_screen_pos()
     top = at.y + (imgui.get_text_line_height() - size) / 2
     low, high = ImVec2(at.x, top), ImVec2(at.x + size, top + size)
     draw = imgui.get_window_draw_list()
-    draw.add_rect_filled(low, high, imgui.get_color_u32(get_swatch_color(instance)), scale_pixels(3))
-    draw.add_rect(low, high, imgui.get_color_u32(ImVec4(1, 1, 1, 0.25)), scale_pixels(3))
+    draw.add_rect_filled(low, high, imgui.get_color_u32(get_swatch_color(ui, instance)), scale_pixels(3))
+    draw.add_rect(low, high, pack_color(TEXT, 0.25), scale_pixels(3))
     imgui.dummy(ImVec2(size, imgui.get_text_line_height()))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import moderngl
 
+from instdrive_app.preferences.instance_colors import SAFE_COLORS
 from instdrive_app.render.gl.gl_state import draw_into
 from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
@@ -20,6 +21,7 @@ DEPTH_RAMP = (
     (0.06, 0.08, 0.20),
 )
 """RGB of the depth view, near to far."""
+_SAFE_COLORS = tuple(map(tuple, (SAFE_COLORS / 255).tolist()))
 _VIEWS = {
     ViewMode.COLOR: 0,
     ViewMode.DEPTH: 1,
@@ -38,7 +40,9 @@ class PresentPass:
         self._program = build_program(ctx, "fullscreen.vert", "present.frag")
         self._triangle = ctx.vertex_array(self._program, [])
 
-    def draw(self, targets: Targets, scene: GpuScene, mode: ViewMode, depth_range: tuple[float, float]) -> None:
+    def draw(
+        self, targets: Targets, scene: GpuScene, mode: ViewMode, depth_range: tuple[float, float], safe_colors: bool
+    ) -> None:
         """Paint the picture of one view mode."""
         ids = scene.codewords if mode is ViewMode.CODEWORD else scene.instance_ids
         targets.blended.use(0)
@@ -53,6 +57,8 @@ class PresentPass:
             ids=2,
             texture_width=WIDTH,
             ramp=DEPTH_RAMP,
+            has_safe_colors=safe_colors,
+            safe_colors=_SAFE_COLORS,
             depth_range=depth_range,
         )
         with draw_into(self._ctx, targets.shown_buffer):

@@ -94,7 +94,7 @@ class GlRenderer:
         shown = (*shown, marked and self._document.versions.states)
         if self._keys.get("shown") == shown:
             return
-        self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range)
+        self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range, snapshot.safe_colors)
         if marked:
             self._outline.draw(targets, self.scene, snapshot.hovered, tint=snapshot.view_mode not in FLAT_MODES)
         self._keys["shown"] = shown

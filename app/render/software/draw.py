@@ -18,7 +18,7 @@ from instdrive_app.render.gl.renderer import (
     round_to_figure,
 )
 from instdrive_app.render.gl.sky_pass import BACKDROP
-from instdrive_app.render.software.picture import add_outlines, paint_color, paint_depth, paint_ids
+from instdrive_app.render.software.picture import add_outlines, paint_color, paint_depth, paint_ids, paint_safe_ids
 from instdrive_app.render.software.placed_splats import PlacedSplats
 from instdrive_app.render.software.scene import SceneState
 from instdrive_app.render.software.thread import Superseded
@@ -152,7 +152,7 @@ class SoftwareDraw:
             picture = paint_depth(blended.depth, blended.alpha, self._find_depth_range(camera))
         else:
             flat = state.codewords if snapshot.view_mode is ViewMode.CODEWORD else state.instance_ids
-            picture = paint_ids(winner, flat)
+            picture = (paint_safe_ids if snapshot.safe_colors else paint_ids)(winner, flat)
         if snapshot.show_outlines and not snapshot.draft and _has_marks(state, snapshot):
             tint = snapshot.view_mode not in FLAT_MODES
             add_outlines(picture, winner, state.flags, state.instance_ids, snapshot.hovered, tint)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt8, UInt32
 from numpy import ndarray
 
+from instdrive_app.preferences.instance_colors import paint_safe_colors
 from instdrive_app.render.gl.outline_pass import HOVERED_LINE, SELECTED_LINE, SELECTED_TINT
 from instdrive_app.render.gl.present_pass import DEPTH_RAMP
 from instdrive_core.instances.colormap import ID_LIMIT, INVERSE, MULTIPLIER, colors_from_ids
@@ -48,6 +49,15 @@ def paint_ids(winner: Int32[ndarray, "h w"], ids: UInt32[ndarray, " n"]) -> UInt
     """
     picture = np.empty((*winner.shape, 4), np.uint8)
     _write_ids(winner, ids, _LOW_COLORS, _HIGH_COLORS, picture)
+    return picture
+
+
+def paint_safe_ids(winner: Int32[ndarray, "h w"], ids: UInt32[ndarray, " n"]) -> UInt8[ndarray, "h w 4"]:
+    """Paint each pixel with a colour for its ID that colour-blind eyes tell apart, black for none."""
+    picture = np.zeros((*winner.shape, 4), np.uint8)
+    shown = winner >= 0
+    picture[shown, :3] = paint_safe_colors(ids)[winner[shown]]
+    picture[..., 3] = 255
     return picture
 
 

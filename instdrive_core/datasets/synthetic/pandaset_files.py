@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
 
+from instdrive_core.datasets.pickled_tables import build_object_column, write_table
 from instdrive_core.datasets.synthetic.flaws import Annotation
 from instdrive_core.datasets.synthetic.sensors.lidar import LidarSweep
 from instdrive_core.datasets.synthetic.world.street import CLASSES, Actor
-from instdrive_core.maths.rotations import quaternion_from_matrix
 
 Pose = Float64[ndarray, "4 4"]
 
@@ -22,28 +22,6 @@ def write_json(path: Path, content: object) -> None:
     """Write JSON on one line."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content))
-
-
-def describe_pose(pose: Pose) -> dict[str, dict[str, float]]:
-    """Describe a pose as PandaSet does: position and quaternion wxyz."""
-    quaternion = quaternion_from_matrix(pose[:3, :3])
-    return {
-        "position": dict(zip("xyz", map(float, pose[:3, 3]), strict=True)),
-        "heading": dict(zip("wxyz", map(float, quaternion), strict=True)),
-    }
-
-
-def write_table(path: Path, columns: dict[str, ndarray], index_name: str | None = None) -> None:
-    """Write a gzipped pickle of a plain DataFrame: numpy columns, texts and column names as objects rather than pandas'
-    own strings (which need pyarrow where that is installed), no time of day in the gzip header."""
-    import pandas as pd
-
-    texts = {name: pd.Series(values, dtype=object) for name, values in columns.items() if values.dtype.kind in "OU"}
-    table = pd.DataFrame(columns | texts)
-    table.columns = pd.Index(list(columns), dtype=object)
-    table.index.name = index_name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    table.to_pickle(path, compression={"method": "gzip", "compresslevel": 1, "mtime": 0}, protocol=4)
 
 
 def write_sweep(folder: Path, step: int, sweep: LidarSweep, world_from_street: Pose, time: float) -> None:
@@ -77,8 +55,8 @@ def write_cuboids(file: Path, annotations: Sequence[Annotation], world_from_box:
     actors = [annotation.actor for annotation in annotations]
     dimensions = np.stack([actor.dimensions for actor in actors])
     columns: dict[str, ndarray] = {
-        "uuid": _build_object_column([str(annotation.uuid) for annotation in annotations]),
-        "label": _build_object_column([actor.label for actor in actors]),
+        "uuid": build_object_column([str(annotation.uuid) for annotation in annotations]),
+        "label": build_object_column([actor.label for actor in actors]),
         "yaw": np.arctan2(poses[:, 1, 0], poses[:, 0, 0]),
         "stationary": np.array([actor.route.speed == 0 for actor in actors]),
         "camera_used": np.full(len(actors), -1, np.int64),
@@ -93,16 +71,10 @@ def _build_attributes(actors: Sequence[Actor], sensors: Int64[ndarray, " n"]) ->
     """The columns behind the boxes, in PandaSet's order; NaN where an attribute does not apply."""
     people = [actor.behavior is not None for actor in actors]
     return {
-        "attributes.object_motion": _build_object_column([actor.motion or np.nan for actor in actors]),
-        "cuboids.sibling_id": _build_object_column(["-"] * len(actors)),
+        "attributes.object_motion": build_object_column([actor.motion or np.nan for actor in actors]),
+        "cuboids.sibling_id": build_object_column(["-"] * len(actors)),
         "cuboids.sensor_id": sensors,
-        "attributes.rider_status": _build_object_column([actor.rider or np.nan for actor in actors]),
-        "attributes.pedestrian_behavior": _build_object_column([actor.behavior or np.nan for actor in actors]),
-        "attributes.pedestrian_age": _build_object_column(["Adult" if person else np.nan for person in people]),
+        "attributes.rider_status": build_object_column([actor.rider or np.nan for actor in actors]),
+        "attributes.pedestrian_behavior": build_object_column([actor.behavior or np.nan for actor in actors]),
+        "attributes.pedestrian_age": build_object_column(["Adult" if person else np.nan for person in people]),
     }
-
-
-def _build_object_column(values: Sequence[object]) -> ndarray:
-    column = np.empty(len(values), object)
-    column[:] = values
-    return column

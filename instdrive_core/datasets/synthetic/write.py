@@ -19,6 +19,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 from PIL import Image
 
+from instdrive_core.datasets.pickled_tables import describe_pose
 from instdrive_core.datasets.synthetic.config import CONFIG_FILE, STEP_SECONDS, RecordingFlaws, StreetConfig
 from instdrive_core.datasets.synthetic.flaws import (
     Annotation,
@@ -29,7 +30,6 @@ from instdrive_core.datasets.synthetic.flaws import (
     shift_box,
 )
 from instdrive_core.datasets.synthetic.pandaset_files import (
-    describe_pose,
     write_classes,
     write_cuboids,
     write_json,

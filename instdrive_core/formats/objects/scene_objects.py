@@ -57,7 +57,7 @@ def find_scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[
     poses, present = scene.find_node_poses(time)
     found = []
     for instance, rows in _group_rows(scene):
-        kept = _select_shaping(scene, rows)
+        kept = select_shaping_rows(scene, rows)
         if not len(kept):
             continue
         node = int(np.bincount(scene.nodes[rows]).argmax())
@@ -77,7 +77,7 @@ def find_scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[
                 present=bool(present[node]),
                 box=box,
                 bounds=fit_upright_box(means, covariances, 0.0),
-                box_in_track=fit_upright_box(*_collect_in_node(scene, kept), FORWARD) if track is not None else None,
+                box_in_track=fit_upright_box(*collect_in_node(scene, kept), FORWARD) if track is not None else None,
                 hull=compute_convex_hull(means[inside]) if hulls else None,
             )
         )
@@ -92,8 +92,8 @@ def _group_rows(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]
             yield scene.table[instance_id], rows
 
 
-def _select_shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
-    """Select the rows that say where an object is."""
+def select_shaping_rows(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
+    """Select those of an instance's rows that say where it is: finite, solid, and no floaters."""
     gaussians = scene.gaussians
     numbers = (gaussians.means[rows], gaussians.quats[rows], gaussians.log_scales[rows])
     # Above 80 the scale is no float32 any more; a quaternion of 0 has no direction.
@@ -105,9 +105,10 @@ def _select_shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, 
     return rows[find_main_parts(gaussians.means[rows].astype(np.float64))] if len(rows) else rows
 
 
-def _collect_in_node(
+def collect_in_node(
     scene: Scene, rows: Int64[ndarray, " k"]
 ) -> tuple[Float64[ndarray, "k 3"], Float64[ndarray, "k 3 3"]]:
+    """Collect means (metres) and covariances of rows, in their nodes' frames."""
     gaussians = scene.gaussians
     return gaussians.means[rows].astype(np.float64), _compute_covariances(
         gaussians.quats[rows], gaussians.log_scales[rows]

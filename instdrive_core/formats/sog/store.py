@@ -102,6 +102,16 @@ class ZipStore(Store):
         self.path, self._archive = path, archive
 
     @property
+    def names(self) -> frozenset[str]:
+        """Names of all members."""
+        return frozenset(self._archive.namelist())
+
+    @property
+    def compressed_names(self) -> tuple[str, ...]:
+        """Names of the members that are not stored as they are."""
+        return tuple(info.filename for info in self._archive.infolist() if info.compress_type != zipfile.ZIP_STORED)
+
+    @property
     def size(self) -> int:
         return self.path.stat().st_size
 

@@ -16,6 +16,9 @@ from instdrive_core.scene.gaussians import Gaussians
 COORDINATE_SYSTEM = 0xADBE0003
 """Type of the extension record that names the axes (SPZ_ADOBE_coordinate_system)."""
 RUB = 4
+"""What a .spz has unless it says otherwise."""
+RDF = 6
+"""A .ply's, so that nothing is flipped."""
 _REMEDY = "Export it again without extensions"
 
 

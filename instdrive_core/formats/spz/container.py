@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 import zstandard
@@ -64,7 +64,7 @@ class SpzHeader:
 Blocks = Iterator[tuple[str, ndarray]]
 
 
-def read_container(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blocks]:
+def read_container(file: IO[bytes], path: Path, size: int) -> tuple[SpzHeader, Blocks]:
     """Read the header, and an iterator over each attribute's bytes (n, width), then those of the extensions (m,).
 
     Raises DataError, also while iterating, where anything is wrong or cut off.
@@ -78,7 +78,9 @@ def read_container(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Bl
     raise DataError(path, f"the file begins with {start!r}, not as a .spz does", "Check that it is a .spz file")
 
 
-def write_container(file: BinaryIO, header: SpzHeader, parts: Callable[[str], Iterable[UInt8[ndarray, "m w"]]]) -> None:
+def write_container(
+    file: IO[bytes], header: SpzHeader, parts: Callable[[str], Iterable[UInt8[ndarray, "m w"]]]
+) -> None:
     """Write header and attributes; `parts` gives the bytes of each by its name, some rows at a time."""
     names = [name for name, width in header.widths.items() if width * header.count]
     common = (MAGIC, header.version, header.count, header.sh_degree, header.fractional_bits, header.flags)
@@ -105,7 +107,7 @@ def write_container(file: BinaryIO, header: SpzHeader, parts: Callable[[str], It
     file.write(b"".join(_TOC_ENTRY.pack(*entry) for entry in entries))
 
 
-def _read_gzip(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blocks]:
+def _read_gzip(file: IO[bytes], path: Path, size: int) -> tuple[SpzHeader, Blocks]:
     packed = gzip.GzipFile(fileobj=file)
     magic, *fields, _ = _LEGACY_HEADER.unpack(_unpack(packed, _LEGACY_HEADER.size, "header", path))
     if magic != MAGIC:
@@ -148,7 +150,7 @@ def _unpack(packed: gzip.GzipFile, wanted: int, name: str, path: Path, short: bo
     return data
 
 
-def _read_streams(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blocks]:
+def _read_streams(file: IO[bytes], path: Path, size: int) -> tuple[SpzHeader, Blocks]:
     if size < _HEADER.size:
         raise DataError(path, f"the file ends after {size} of the header's {_HEADER.size} bytes", REMEDY)
     _, *fields, stream_count, toc_start = _HEADER.unpack(file.read(_HEADER.size))
@@ -172,7 +174,7 @@ def _read_streams(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blo
     return header, _read_zstd_blocks(file, header, [packed for packed, _ in entries], records, path)
 
 
-def _read_zstd_blocks(file: BinaryIO, header: SpzHeader, lengths: Iterable[int], records: bytes, path: Path) -> Blocks:
+def _read_zstd_blocks(file: IO[bytes], header: SpzHeader, lengths: Iterable[int], records: bytes, path: Path) -> Blocks:
     remaining = iter(lengths)
     for name, width in header.widths.items():
         expected = width * header.count

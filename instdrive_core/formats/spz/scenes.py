@@ -20,6 +20,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from jaxtyping import UInt8
@@ -32,7 +33,7 @@ from instdrive_core.formats.export_checks import check_numbers, check_static
 from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.scene_format import Fidelity, Format
 from instdrive_core.formats.spz import values
-from instdrive_core.formats.spz.axes import RUB, find_flips, parse_axes
+from instdrive_core.formats.spz.axes import RUB, AxisFlips, find_flips, parse_axes
 from instdrive_core.formats.spz.container import ANTIALIASED, EXTENSIONS, SpzHeader, read_container, write_container
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
@@ -60,25 +61,43 @@ def read_spz(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .spz of any version. Raises DataError where anything about it is wrong."""
     path = Path(path)
     with path.open("rb") as file:
-        header, blocks = read_container(file, path, path.stat().st_size)
-        if header.sh_degree > 3:
-            logger.warning("%s: SH of degree %d is read as degree 3", path, header.sh_degree)
-        # One attribute at a time is unpacked whole.
-        widest = max(header.widths.values())
-        gaussians = allocate_gaussians(
-            path, header.count, REST_COUNTS[min(header.sh_degree, 3)], 0, options, passing=widest
-        )
-        system = RUB
-        for number, (name, data) in enumerate(blocks):
-            report(number / len(header.widths))
-            if name == EXTENSIONS:
-                system = parse_axes(data.tobytes(), path)
-                continue
-            for rows in _list_row_blocks(header.count):
-                source, target = options.locate_rows(rows.start, rows.stop)
-                _decode(name, np.ascontiguousarray(data[rows][source]), gaussians, target, header)
-    find_flips(system).apply(gaussians)
-    return replace(scene_from_gaussians(gaussians), antialiased=bool(header.flags & ANTIALIASED))
+        gaussians, antialiased = decode_spz(file, path, path.stat().st_size, options)
+    return replace(scene_from_gaussians(gaussians), antialiased=antialiased)
+
+
+def decode_spz(
+    file: IO[bytes], path: Path, size: int, options: ReadOptions = WHOLE, axes: int | None = None
+) -> tuple[Gaussians, bool]:
+    """Decode an open .spz of any version, and whether it was trained with antialiasing.
+
+    Args:
+        file: at its start.
+        path: for messages.
+        size: bytes of the file.
+        options: which rows are read.
+        axes: the system that its numbers are in, whatever it says itself (`RDF` keeps them); None believes the file.
+
+    Raises DataError where anything about it is wrong.
+    """
+    header, blocks = read_container(file, path, size)
+    if header.sh_degree > 3:
+        logger.warning("%s: SH of degree %d is read as degree 3", path, header.sh_degree)
+    # One attribute at a time is unpacked whole.
+    widest = max(header.widths.values())
+    gaussians = allocate_gaussians(
+        path, header.count, REST_COUNTS[min(header.sh_degree, 3)], 0, options, passing=widest
+    )
+    system = RUB
+    for number, (name, data) in enumerate(blocks):
+        report(number / len(header.widths))
+        if name == EXTENSIONS:
+            system = parse_axes(data.tobytes(), path)
+            continue
+        for rows in _list_row_blocks(header.count):
+            source, target = options.locate_rows(rows.start, rows.stop)
+            _decode(name, np.ascontiguousarray(data[rows][source]), gaussians, target, header)
+    find_flips(system if axes is None else axes).apply(gaussians)
+    return gaussians, bool(header.flags & ANTIALIASED)
 
 
 def write_spz(
@@ -95,26 +114,43 @@ def write_spz(
     Raises DataError where the scene has moving actors, or values that are no numbers or too far away.
     """
     check_static(path, scene, ".spz")
-    gaussians = scene.gaussians
+    with open_atomically(path) as file:
+        encode_spz(file, path, scene.gaussians, scene.antialiased, version, harmonics_bits)
+
+
+def encode_spz(
+    file: IO[bytes],
+    path: str | Path,
+    gaussians: Gaussians,
+    antialiased: bool = False,
+    version: int = 4,
+    harmonics_bits: tuple[int, int] = HARMONICS_BITS,
+    axes: int = RUB,
+) -> None:
+    """Encode Gaussians into an open file that can be read and sought; `write_spz` says what is lost.
+
+    `axes` is the system that the numbers get (`RDF` keeps them); `path` is named in messages. Raises DataError for
+    values that are no numbers or too far away.
+    """
     for attribute, (field, allow_infinite) in _CHECKED.items():
-        for rows in _list_row_blocks(len(scene)):
+        for rows in _list_row_blocks(len(gaussians)):
             part, numbers = getattr(gaussians, field)[rows], np.arange(rows.start, rows.stop)
             check_numbers(path, attribute, part, numbers, allow_infinite)
-    flags = ANTIALIASED if scene.antialiased else 0
+    flags = ANTIALIASED if antialiased else 0
     header = SpzHeader(
-        version, len(scene), gaussians.sh_degree, _choose_fractional_bits(path, gaussians, version), flags
+        version, len(gaussians), gaussians.sh_degree, _choose_fractional_bits(path, gaussians, version), flags
     )
-    with open_atomically(path) as file:
-        write_container(
-            file,
-            header,
-            lambda name: (
-                _encode(name, gaussians, rows, header, harmonics_bits) for rows in _list_row_blocks(len(scene))
-            ),
-        )
-        file.seek(0, 2)
-        # What this reader would not believe is not written either.
-        check_plausible_count(path, len(scene), file.tell())
+    flips = find_flips(axes)
+    write_container(
+        file,
+        header,
+        lambda name: (
+            _encode(name, gaussians, rows, header, harmonics_bits, flips) for rows in _list_row_blocks(len(gaussians))
+        ),
+    )
+    file.seek(0, 2)
+    # What this reader would not believe is not written either.
+    check_plausible_count(path, len(gaussians), file.tell())
 
 
 def _list_row_blocks(count: int) -> Iterator[slice]:
@@ -154,9 +190,8 @@ def _decode(name: str, data: UInt8[ndarray, "n w"], gaussians: Gaussians, rows: 
 
 
 def _encode(
-    name: str, gaussians: Gaussians, rows: slice, header: SpzHeader, bits: tuple[int, int]
+    name: str, gaussians: Gaussians, rows: slice, header: SpzHeader, bits: tuple[int, int], flips: AxisFlips
 ) -> UInt8[ndarray, "m w"]:
-    flips = find_flips(RUB)
     match name:
         case "positions" if header.version == 1:
             data = values.encode_halves(gaussians.means[rows] * flips.means)
@@ -177,11 +212,11 @@ def _encode(
     return np.ascontiguousarray(data)
 
 
-def _compute_position_error(means: ndarray) -> float:
-    """Half a step of the fixed-point positions, metres."""
+def compute_position_error(means: ndarray) -> float:
+    """Compute half a step of the fixed-point positions (n, 3), metres."""
     bits = values.choose_fractional_bits(float(np.abs(means).max(initial=0)))
     return 0.5 ** ((bits or 0) + 1) * (1 + 1e-6)
 
 
-SPZ = Format("Niantic, versions 1 to 4", ".spz", read_spz, write_spz, Fidelity(_compute_position_error), up="-y")
+SPZ = Format("Niantic, versions 1 to 4", ".spz", read_spz, write_spz, Fidelity(compute_position_error), up="-y")
 """Files are right, up, back, and are opened as right, down, forward."""

@@ -1,9 +1,13 @@
-"""Exporting through the real window: the whole scene by a typed path, the selection and masks by the dialog's lists."""
+"""Exporting through the real window: the whole scene by a typed path, the selection and masks by the dialog's lists.
+
+Edits of what drives are handed over to NuRec the same way.
+"""
 
 import pytest
-from procedural_street import FIRST_CAR, procedural_street
+from procedural_street import DRIVING_CAR, FIRST_CAR, procedural_street
 from window_driver import editor_window
 
+from instdrive_core.formats.nurec.edit_assets import read_asset_edits
 from instdrive_core.formats.registry import open_scene, save_scene
 
 pytestmark = pytest.mark.gui
@@ -47,4 +51,27 @@ def test_selection_scene_and_masks(window, tmp_path):
     window.click_widget("dialog.accept")
     window.wait_for_message(f"masks of {len(scene.views)} photos to {tmp_path / 'street_masks'}")
     assert (tmp_path / "street_masks" / "instances.json").is_file()
+
+    window.click_widget("instances.search")
+    window.type("driving")
+    window.click_widget(f"instances.{DRIVING_CAR}")
+    window.wait_for_selection(DRIVING_CAR)
+    window.key("Delete")
+    window.wait_for_edit("Delete")
+    window.key("ctrl+e")
+    window.click_widget("export.what")
+    window.click_widget("export.what.nurec")
+    window.wait_for_widget("export.nurec.tracks")
+    window.click_widget("export.nurec.tracks")
+    window.type(str(tmp_path / "none.json"))
+    window.click_widget("dialog.accept")
+    window.wait_for_message("none.json")
+    handed = tmp_path / "street_nurec"
+    assert not handed.exists()
+    window.key("ctrl+e")
+    window.click_widget("export.what")
+    window.click_widget("export.what.nurec")
+    window.click_widget("dialog.accept")
+    window.wait_for_message(f"Handed over to {handed}: actors: 1 removed, 0 replaced, 0 inserted")
+    assert read_asset_edits(handed / "edit-assets.json").removed == ("driver",)
     assert window.quit() == 0

@@ -269,7 +269,8 @@ def test_every_kth_splat_of_nodes_keeps_its_actor(tmp_path, rng):
     path = write_checkpoint(tmp_path / "a.pth", build_drivestudio_content(rng))
     whole, third = open_scene(path), open_scene(path, keep_every=3)
     np.testing.assert_array_equal(third.nodes, whole.nodes[::3])
-    np.testing.assert_array_equal(third.gaussians.means, whole.gaussians.means[::3])
+    # Products of matrices round by how many rows there are.
+    np.testing.assert_allclose(third.gaussians.means, whole.gaussians.means[::3], atol=1e-6)
 
 
 def test_what_is_no_scene_is_named(tmp_path, rng):

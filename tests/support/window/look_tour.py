@@ -20,6 +20,8 @@ from tyro.conf import Positional
 
 from instdrive_app.camera import orbit
 from instdrive_app.files.sample import find_sample_scene
+from instdrive_app.panels.registry import PANELS
+from instdrive_app.preferences.themes import DEFAULT_THEME
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import ReceiveDrop, ShowPanel
 from instdrive_app.shell.virtual_display import open_virtual_display
@@ -39,6 +41,7 @@ class Options:
     out: Positional[Path]
     size: tuple[int, int] = (1280, 720)
     scale: float = 1.0
+    theme: str = DEFAULT_THEME
     pictures: bool = False
     only: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """States to visit; default: all."""
@@ -53,6 +56,7 @@ class Tour:
 
     def play(self) -> Iterator[None]:
         """All states that are asked for."""
+        self._session.preferences.change(theme=self._options.theme)
         yield from self._frames(6)
         yield from self._look("empty")
         self._session.files.open(self._scene)
@@ -63,6 +67,7 @@ class Tour:
         self._session.messages.dismiss()
         yield from self._look("open")
         yield from self._selections()
+        yield from self._tools_and_panels()
         yield from self._views()
         yield from self._dialogs()
         yield from self._menus()
@@ -81,6 +86,22 @@ class Tour:
         yield from self._look("log", lambda: self._front("Log"))
         self._front("Inspector")
         self._front("Timeline")
+
+    def _tools_and_panels(self) -> Iterator[None]:
+        session = self._session
+        for name in self._window.ui.tools:
+            session.actions.run(f"tool.{name}")
+            yield from self._look(f"tool {name}")
+        session.actions.run("tool.pick")
+        for record in PANELS:
+            if self._wanted(f"panel {record.title}"):
+                session.requests.put(ShowPanel(record.title))
+                yield from self._look(f"panel {record.title}", frames=8)
+        self._front("Inspector")
+        self._front("Timeline")
+        session.state.shows_first_steps = True
+        yield from self._look("first steps")
+        session.state.shows_first_steps = False
 
     def _views(self) -> Iterator[None]:
         session, state = self._session, self._session.state

@@ -78,12 +78,16 @@ def editor_window(scene, folder, opens=True):
 class WindowDriver:
     """One running editor on the present display."""
 
-    def __init__(self, scene, folder, size=(1280, 720), state=None):
+    def __init__(self, scene, folder, size=(1280, 720), state=None, knows_first_steps=True):
         self._report = folder / "report.jsonl"
         self._errors = (folder / "stderr.txt").open("w+")
         command = [sys.executable, "-X", "faulthandler", "-m", "instdrive_app.main", "edit", str(scene)]
         command += ["--report", str(self._report), "--size", str(size[0]), str(size[1]), "--no-remember-layout"]
         # Its own, unless another driver's is given: what that one left is offered to this one.
+        chosen = (state or folder / "state") / "preferences.json"
+        if knows_first_steps and not chosen.exists():  # else they would lie over the picture
+            chosen.parent.mkdir(parents=True, exist_ok=True)
+            chosen.write_text(json.dumps({"knows_first_steps": True}))
         environment = {**os.environ, "INSTDRIVE_STATE": str(state or folder / "state")}
         self._process = subprocess.Popen(command, stderr=self._errors, env=environment)
         self._clicked = (0.0, 0.0, 0.0)

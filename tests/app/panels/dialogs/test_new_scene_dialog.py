@@ -2,8 +2,8 @@
 
 import pytest
 
-from instdrive_app.panels.dialogs import new_scene
-from instdrive_app.panels.dialogs.new_scene import may_be_source
+from instdrive_app.panels.dialogs.making import new_scene
+from instdrive_app.panels.dialogs.making.new_scene import may_be_source
 
 
 def test_videos_and_folders_with_files_may_be_sources(tmp_path):

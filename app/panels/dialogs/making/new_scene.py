@@ -11,8 +11,9 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.files.file_names import find_documents_folder, find_working_folder, is_displayable
 from instdrive_app.files.folder_listing import list_folder
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
-from instdrive_app.panels.widgets.theme import ERROR, rgba
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon
+from instdrive_app.preferences.themes import ERROR
 from instdrive_app.session.making.job_controller import SourceLook, find_out_problem
 from instdrive_app.session.requests import AskNewScene
 

@@ -1,0 +1,1 @@
+"""Dialogs that begin a job in a process of its own, and ask about it."""

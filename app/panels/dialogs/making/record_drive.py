@@ -1,0 +1,143 @@
+"""Asks how the edited drive is to be recorded as sensor data, and where to."""
+
+from __future__ import annotations
+
+import math
+import os.path
+from dataclasses import replace
+from pathlib import Path
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
+from instdrive_app.panels.widgets.theme import rgba
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
+from instdrive_app.preferences.themes import ERROR
+from instdrive_app.session.making.drive_recorder import (
+    LAYOUTS,
+    DriveRecorder,
+    RecordChoice,
+    Way,
+    find_folder_problem,
+    is_begun,
+)
+from instdrive_app.session.requests import AskRecord
+from instdrive_core.errors import OptionError
+from instdrive_core.recording.ego_path import parse_ego_change
+from instdrive_core.recording.plan import LARGEST, LEAST_WIDTH
+from instdrive_core.wording import format_count
+
+TITLE = "Record drive"
+WAYS: tuple[tuple[Way, str, str, float], ...] = (
+    ("own", "The drive's own", "", 0.0),
+    ("shift", "Beside its own", "metres to the left", 2.0),
+    ("lane", "Change of lane", "metres to the left", 3.5),
+    ("speed", "Slower", "times as fast", 0.5),
+    ("stop", "Stop", "seconds after the start", 1.0),
+)
+"""Ways of the car: name, title, what the number means, and the number proposed."""
+_ROW = 4
+
+
+class RecordDialog:
+    """Folder at the top, what is recorded below."""
+
+    def __init__(self) -> None:
+        self._folder, self._choice = "", RecordChoice()
+
+    def open(self, ui: Ui, request: AskRecord) -> None:
+        """Open it with the last choice."""
+        self._folder, self._choice = str(ui.session.recorder.propose_folder()), ui.session.recorder.choice
+        imgui.open_popup(TITLE)
+
+    def draw(self, ui: Ui) -> None:
+        """Draw one frame."""
+        center_next_window(ImVec2(40 * imgui.get_font_size(), 0))
+        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+            return
+        views = ui.session.document.scene.views if ui.session.document is not None else ()
+        imgui.text("Folder")
+        if imgui.is_window_appearing():
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1)
+        flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
+        entered, self._folder = imgui.input_text("##folder", self._folder, flags)
+        ui.mark("record.folder")
+        draw_dim_text(f"{format_count(len(views), 'view')}: colour, masks, depth, 2D and 3D boxes")
+        imgui.spacing()
+        self._draw_width(ui, views[0].camera.width if views else 0)
+        self._draw_way(ui)
+        flow = imgui.checkbox("Optical flow", self._choice.flow)[1]
+        ui.mark("record.flow")
+        imgui.same_line()
+        confidence = imgui.checkbox("Confidence maps", self._choice.confidence or self._choice.way != "own")[1]
+        ui.mark("record.confidence")
+        if self._choice.way == "own":  # another way has them anyhow
+            self._choice = replace(self._choice, confidence=confidence)
+        self._choice = replace(self._choice, flow=flow)
+        self._draw_layouts(ui)
+        problem = self._find_problem(ui.session.recorder)
+        imgui.push_text_wrap_pos(0)
+        if problem:
+            imgui.text_colored(rgba(ERROR), problem)
+            ui.mark("record.problem")
+        elif is_begun(self._folder):
+            draw_dim_text("Goes on with the recording in this folder, if the drive and these settings are the same.")
+            ui.mark("record.begun")
+        else:
+            draw_dim_text("You can cancel at any moment, and go on later with the same folder and settings.")
+        imgui.pop_text_wrap_pos()
+        if draw_confirm_buttons(ui, "Record", entered, not problem):
+            ui.session.recorder.begin(Path(os.path.expanduser(self._folder.strip())).absolute(), self._choice)
+        imgui.end_popup()
+
+    def _draw_width(self, ui: Ui, trained: int) -> None:
+        imgui.set_next_item_width(7 * imgui.get_font_size())
+        changed, width = imgui.input_int("pixels wide", self._choice.width or trained, 0)
+        ui.mark("record.width")
+        if changed:
+            self._choice = replace(self._choice, width=None if width == trained else width)
+
+    def _draw_way(self, ui: Ui) -> None:
+        """The car's way, and its number."""
+        way = next(entry for entry in WAYS if entry[0] == self._choice.way)
+        imgui.set_next_item_width(13 * imgui.get_font_size())
+        if imgui.begin_combo("way of the car##way", way[1]):
+            for name, title, _, amount in WAYS:
+                if imgui.selectable(title, name == way[0])[0]:
+                    self._choice = replace(self._choice, way=name, amount=amount)
+                ui.mark(f"record.way.{name}")
+            imgui.end_combo()
+        ui.mark("record.way")
+        if way[2]:
+            imgui.same_line()
+            imgui.set_next_item_width(5 * imgui.get_font_size())
+            amount = imgui.input_float(f"{way[2]}##amount", self._choice.amount, 0.0, 0.0, "%g")[1]
+            ui.mark("record.amount")
+            if math.isfinite(amount):
+                self._choice = replace(self._choice, amount=amount)
+
+    def _draw_layouts(self, ui: Ui) -> None:
+        imgui.spacing()
+        imgui.text("Also in the layout of")
+        chosen = set(self._choice.layouts)
+        for place, (name, title) in enumerate(LAYOUTS.items()):
+            if place % _ROW:
+                imgui.same_line(place % _ROW * 9.5 * imgui.get_font_size())
+            ticked = imgui.checkbox(title, name in chosen)[1]
+            ui.mark(f"record.layout.{name}")
+            chosen = chosen | {name} if ticked else chosen - {name}
+        self._choice = replace(self._choice, layouts=tuple(name for name in LAYOUTS if name in chosen))
+
+    def _find_problem(self, recorder: DriveRecorder) -> str:
+        width, arguments = self._choice.width, self._choice.list_arguments()
+        if recorder.is_running:
+            return "Another recording is still running"
+        if width is not None and not LEAST_WIDTH <= width <= LARGEST:
+            return f"Pictures are from {LEAST_WIDTH} to {LARGEST} pixels wide"
+        if "--ego" in arguments:
+            try:
+                parse_ego_change(arguments[arguments.index("--ego") + 1])
+            except OptionError as error:
+                return str(error)
+        return find_folder_problem(self._folder)

@@ -1,0 +1,1 @@
+"""How the editor looks and answers: themes, instance colours, keys, and what the user has chosen of them."""

@@ -1,0 +1,115 @@
+"""A tour of the real window: every panel, dialog, menu, tool and view, at several sizes, scales and themes.
+
+`python -m benchmarks.tour OUT` visits them all on virtual displays, writes where each widget was and a picture of each
+state into OUT, and prints one JSON line: what was visited, and every widget that was cut off, outside the window, or on
+top of another one. Exits 1 where there was any.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from tyro.conf import Positional
+
+TOUR = Path(__file__).parents[1] / "tests/support/window/look_tour.py"
+VISITS = (((900, 600), 1.0), ((900, 600), 2.0), ((2560, 1440), 1.0), ((1280, 720), 2.0))
+"""Sizes at scale 1 and scales: 900 × 600 and 2560 × 1440 pixels, and the same with text twice as large."""
+CONTAINERS = ("viewport", "picture", "reference", "hover label", "deletion review")
+"""What other widgets stand in, or what follows the mouse over them."""
+SLACK = 1.0
+"""Pixels by which neighbours may overlap: halves that were rounded."""
+SECONDS = 1500
+Rect = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Where to write, and what to visit."""
+
+    out: Positional[Path]
+    themes: tuple[str, ...] = ("dark", "light")
+    pictures: bool = True
+    only: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """States to visit; default: all."""
+
+
+def visit(
+    out: Path,
+    size: tuple[int, int],
+    scale: float,
+    theme: str,
+    only: tuple[str, ...] = (),
+    pictures: bool = False,
+) -> dict[str, Any]:
+    """Go on the tour in one window; returns size, marks and cut widgets of each state.
+
+    Raises RuntimeError with what the window wrote where it failed.
+    """
+    command = [sys.executable, str(TOUR), str(out), "--size", *map(str, size), "--scale", str(scale), "--theme", theme]
+    command += ["--pictures"] if pictures else []
+    command += [word for state in only for word in ("--only", state)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    return json.loads((out / "looks.json").read_text(encoding="utf-8"))
+
+
+def find_faults(states: Mapping[str, Any]) -> list[str]:
+    """Find widgets that are cut off, outside the window, or on top of one another, in a sentence each."""
+    faults: list[str] = []
+    behind: set[str] = set()
+    for name, state in states.items():
+        marks, (width, height) = state["marks"], state["size"]
+        faults += [f"{name}: {mark} is cut off" for mark in state["cut"]]
+        for mark, (left, top, right, bottom) in marks.items():
+            if left < -SLACK or top < -SLACK or right > width + SLACK or bottom > height + SLACK:
+                faults.append(f"{name}: {mark} is outside the window")
+        if name.startswith(("dialog", "menu")):  # what pops up covers what was there, which has its marks still
+            shown = {mark for mark in marks if mark not in behind and not mark.startswith("instances.")}
+        else:
+            behind = shown = set(marks)
+        if name.startswith("side by side"):  # half a picture has no room for messages
+            shown = {mark for mark in shown if not mark.startswith("toast")}
+        for one, other in combinations(sorted(shown), 2):
+            if not _may_overlap(one, other) and _overlap(marks[one], marks[other]):
+                faults.append(f"{name}: {one} and {other} overlap")
+    return faults
+
+
+def _may_overlap(first: str, second: str) -> bool:
+    if first in CONTAINERS or second in CONTAINERS or "gizmo" in first + second:
+        return True
+    row = first.split(".")[0] == "instances" and first.split(".")[-1].isdigit()
+    return second.startswith(f"{first}.") or (row and second == "instances.name")
+
+
+def _overlap(one: Rect, other: Rect) -> bool:
+    width = min(one[2], other[2]) - max(one[0], other[0])
+    height = min(one[3], other[3]) - max(one[1], other[1])
+    return width > SLACK and height > SLACK
+
+
+def main(options: Options) -> None:
+    """Visit everything and print what is wrong."""
+    faults, visited = [], 0
+    for size, scale in VISITS:
+        for theme in options.themes:
+            name = f"{size[0]}x{size[1]} at {scale:g}, {theme}"
+            states = visit(options.out / name, size, scale, theme, options.only, options.pictures)
+            visited += len(states)
+            faults += [f"{name}: {fault}" for fault in find_faults(states)]
+    print(json.dumps({"benchmark": "tour", "states": visited, "faults": faults}))
+    if faults:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))

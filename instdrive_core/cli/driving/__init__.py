@@ -1,0 +1,1 @@
+"""Options about the ways of vehicles."""

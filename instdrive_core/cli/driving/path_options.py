@@ -1,0 +1,86 @@
+"""The options of ``instdrive apply`` that let things drive other ways."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from instdrive_core.cli.arguments import check_known_ids, parse_assignment
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.kinds.driving.ways import Template, change_way, drive_instance, park_at
+from instdrive_core.errors import DataError, OptionError
+from instdrive_core.files.json_fields import read_json, require_field, require_number
+from instdrive_core.instances.table import Instance
+from instdrive_core.scene.track import Track
+from instdrive_core.scene.vehicle_path import PathKey
+
+_EXAMPLE = "--path 17=way.json, 17=lane:3.5@2, 17=stop@3, 17=speed:0.5@0 or 17=turn:90@2"
+_TEMPLATES: dict[str, Template] = {"lane": "lane", "stop": "stop", "speed": "speed", "turn": "turn"}
+_TEMPLATE = re.compile(r"(lane|stop|speed|turn)(?::([+-]?\d+(?:\.\d+)?))?@(\d+(?:\.\d+)?)")
+
+
+@dataclass(frozen=True)
+class PathOptions:
+    """Other ways for vehicles."""
+
+    path: tuple[str, ...] = ()
+    """Ways as ID=FILE with keys as JSON, or as a change of a mover's own way: ID=lane:METRES@SECOND (left above 0),
+    ID=stop@SECOND, ID=speed:FACTOR@SECOND, ID=turn:DEGREES@SECOND. What stands still starts driving with a file."""
+    park: tuple[str, ...] = ()
+    """Movers that are parked where they are at a time, as ID@SECOND."""
+
+    def edits(self, document: Document) -> list[Edit]:
+        """Build the edits. Raises OptionError where an option cannot be read, DataError for a file that is wrong."""
+        return [*(_build_path(text, document) for text in self.path), *(_park(text, document) for text in self.park)]
+
+
+def read_way(file: Path) -> tuple[PathKey, ...]:
+    """Read the keys of a way: an object with `keys`, each with `time`, `x`, `y` and if wanted `heading` in degrees.
+
+    Raises DataError naming the field that is wrong.
+    """
+    keys = require_field(file, read_json(file), "keys")
+    if not isinstance(keys, list) or not keys:
+        raise DataError(file, "the field 'keys' holds no key", "Write a list of objects with time, x and y")
+    found = []
+    for number, entry in enumerate(keys):
+        values = [
+            require_number(file, require_field(file, entry, name, f"keys[{number}]."), f"keys[{number}].{name}")
+            for name in ("time", "x", "y")
+        ]
+        turn = entry.get("heading")
+        name = f"keys[{number}].heading"
+        heading = None if turn is None else math.radians(require_number(file, turn, name))
+        found.append(PathKey(values[0], values[1], values[2], heading))
+        if number and found[-1].time <= found[-2].time:
+            raise DataError(file, f"the field 'keys[{number}].time' is not above the one before", "Sort the keys")
+    return tuple(found)
+
+
+def _build_path(text: str, document: Document) -> Edit:
+    number, value = parse_assignment(text, _EXAMPLE)
+    entry = document.scene.table[check_known_ids([number], document.scene.table)[0]]
+    found = _TEMPLATE.fullmatch(value.strip())
+    if found is None:
+        return drive_instance(entry, read_way(Path(value)))
+    kind, amount, start = _TEMPLATES[found[1]], found[2], float(found[3])
+    if (amount is None) != (kind == "stop") or (kind == "speed" and not 0 <= float(amount) <= 10):
+        raise OptionError(f"{value!r} in {text!r} is no change of a way; write e.g. {_EXAMPLE}")
+    return drive_instance(entry, change_way(_require_track(entry, document), kind, float(amount or 0), start))
+
+
+def _park(text: str, document: Document) -> Edit:
+    found = re.fullmatch(r"(\d+)@(\d+(?:\.\d+)?)", text.strip())
+    if found is None:
+        raise OptionError(f"{text!r} is not an ID and a time; write e.g. --park 17@2.5")
+    entry = document.scene.table[check_known_ids([int(found[1])], document.scene.table)[0]]
+    return drive_instance(entry, park_at(_require_track(entry, document), float(found[2])))
+
+
+def _require_track(entry: Instance, document: Document) -> Track:
+    if not entry.node:
+        raise OptionError(f"instance {entry.id} stands still: it has no way to change. Give it a file of keys")
+    return document.scene.actors[entry.node - 1]

@@ -1,0 +1,1 @@
+"""Commands that make sensor data of an edited drive."""

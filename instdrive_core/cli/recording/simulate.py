@@ -1,0 +1,113 @@
+"""``instdrive simulate``: the edited drive recorded again, as sensor data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from instdrive_core.cli.share_progress import show_share
+from instdrive_core.progress import report_to
+from instdrive_core.recording.drive import open_drive
+from instdrive_core.recording.ego_path import parse_ego_change
+from instdrive_core.recording.layouts import write_recorded_layout
+from instdrive_core.recording.plan import RecordOptions
+from instdrive_core.recording.record import record_drive
+from instdrive_core.recording.report import describe_confidence
+from instdrive_core.wording import format_count
+
+Layout = Literal[
+    "pandaset",
+    "nuscenes",
+    "t4",
+    "kitti-tracking",
+    "kitti-raw",
+    "kitti-360",
+    "argoverse",
+    "waymo",
+    "drivestudio",
+    "coco",
+    "mcap",
+]
+
+
+def simulate_drive(
+    scene: tyro.conf.Positional[Path],
+    *,
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
+    cameras: tuple[str, ...] = (),
+    first: str | None = None,
+    last: str | None = None,
+    width: int | None = None,
+    expose: bool = False,
+    layout: tuple[Layout, ...] = (),
+    ego: tuple[str, ...] = (),
+    shift: float | None = None,
+    flow: bool = False,
+    confidence: bool = False,
+    lidar: str | None = None,
+    progress: Literal["bar", "lines"] = "bar",
+) -> None:
+    """Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.
+
+    Stopped at any moment, the same command goes on where it was.
+
+    Args:
+        scene: Run or scene folder, or a project on one: what its edits made of the drive.
+        out: Folder to record into; new, or one in which the same recording was begun.
+        cameras: Only these cameras, e.g. front_camera left_camera.
+        first: First time step to record, e.g. 30, or seconds since the drive's first, e.g. 3s.
+        last: Last time step or second, inclusive.
+        width: Width of the pictures in pixels; default: as in training.
+        ego: Change the recording car's way: shift=METRES to the left, lane=METRES@SECONDS or lane=METRES@FROM-TO,
+            speed=FACTOR up to 1, stop=SECONDS. Several are done together.
+        shift: Short for --ego shift=METRES.
+        flow: Record optical flow, too.
+        confidence: Record how far each pixel can be trusted, too; on by itself where the car's way is changed.
+        lidar: The sensor whose sweeps are recorded, too: own (as the clip's sweeps show it), VLP-16, HDL-64E, OS1-128,
+            a JSON file that describes one, or none. Default: own, where the run's clip has sweeps.
+        progress: How progress is shown: as a bar, or in lines `progress 0.25` for other programs.
+        layout: Write the recording in layouts of data sets, too, each into OUT/layouts/NAME.
+        expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.
+    """
+    changes = tuple(parse_ego_change(text) for text in (*ego, *(() if shift is None else (f"shift={shift:g}",))))
+    part = _read_moment(first), _read_moment(last)
+    drive = open_drive(scene, RecordOptions(cameras, *part, width, expose, flow, changes, confidence, lidar))
+    for note in drive.notes:
+        print(note)
+    show = show_share if progress == "bar" else _print_share
+    with show("recording"):
+        manifest = record_drive(out, drive)
+    opened = {}
+    for name in dict.fromkeys(layout):
+        with show(name):
+            opened[name] = write_recorded_layout(out, name)
+    boxed = sum(entry["has_box"] for entry in manifest["instances"])
+    counts = format_count(len(manifest["views"]), "view"), format_count(len(manifest["moments"]), "moment")
+    print(f"{out}: {counts[0]}, {counts[1]}, {format_count(boxed, 'boxed thing')}")
+    if manifest["confidence"] is not None:
+        print(describe_confidence(manifest["confidence"]))
+    for name, place in opened.items():
+        print(f"{name}: {place}")
+
+
+@contextmanager
+def _print_share(title: str) -> Iterator[None]:
+    """Print a line for every hundredth that is done."""
+    last = -1
+
+    def tell(share: float) -> None:
+        nonlocal last
+        if int(share * 100) != last:
+            last = int(share * 100)
+            print(f"progress {share:.2f}", flush=True)
+
+    with report_to(tell):
+        yield
+
+
+def _read_moment(text: str | None) -> int | str | None:
+    return int(text) if text is not None and text.strip().isdecimal() else text

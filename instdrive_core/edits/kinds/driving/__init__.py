@@ -1,0 +1,1 @@
+"""Edits that let vehicles drive other ways."""

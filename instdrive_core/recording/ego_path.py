@@ -1,0 +1,149 @@
+"""Another way for the recording car: beside its own, in another lane, slower, or stopping."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.errors import OptionError
+from instdrive_core.maths.rotations import matrix_from_quaternion
+from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.track import Track
+
+Kind = Literal["shift", "lane", "speed", "stop"]
+FARTHEST = 50.0
+"""Metres to the side, at most: nothing was seen from farther away."""
+LANE_SECONDS = 3.0
+"""Time that a change of lane takes where none is said."""
+BRAKE_SECONDS = 2.0
+"""Time from the first braking until the car stands."""
+_LEAST_WAY = 1.0
+"""Metres of the drive from which the way says where forward is."""
+_FORMS = "shift=METRES, lane=METRES@SECONDS or lane=METRES@FROM-TO, speed=FACTOR, stop=SECONDS"
+
+
+@dataclass(frozen=True)
+class EgoChange:
+    """One change of the way; several are done together."""
+
+    kind: Kind
+    value: float
+    """Metres to the left, the factor of the speed, or when the car begins to brake, seconds since the first view."""
+    start: float = 0.0
+    """When a change of lane begins, seconds since the first view."""
+    seconds: float = LANE_SECONDS
+    """How long a change of lane takes."""
+
+
+def parse_ego_change(text: str) -> EgoChange:
+    """Parse ``shift=1.5``, ``lane=-3.5@2``, ``lane=3.5@2-6``, ``speed=0.5`` or ``stop=3``. Raises OptionError."""
+    number = r"([+-]?\d+(?:\.\d+)?)"
+    found = re.fullmatch(rf"(shift|speed|stop)={number}|lane={number}@{number}(?:-{number})?", text.strip())
+    if found is None:
+        raise OptionError(f"{text!r} is no change of the way; write {_FORMS}")
+    if found[1] is not None:
+        kind: Kind = "shift" if found[1] == "shift" else "speed" if found[1] == "speed" else "stop"
+        change = EgoChange(kind, float(found[2]))
+    else:
+        start = float(found[4])
+        end = start + LANE_SECONDS if found[5] is None else float(found[5])
+        change = EgoChange("lane", float(found[3]), start, end - start)
+    _check(change, text)
+    return change
+
+
+def reroute_views(views: Sequence[CameraView], changes: Sequence[EgoChange]) -> tuple[CameraView, ...]:
+    """Move the cameras of all views onto the changed way: the rig stays as it is, moments stay the same.
+
+    Args:
+        views: all views of the drive, so that the way is known between them and beyond those that are recorded.
+        changes: what is changed.
+    """
+    if not changes or not views:
+        return tuple(views)
+    way = find_ego_way(views)
+    start = float(way.times[0])
+    moved = []
+    for view in views:
+        own = way.interpolate_pose(view.time)
+        pose = _place_car(way, changes, view.time - start) @ np.linalg.inv(own) @ view.camera.world_from_camera
+        moved.append(replace(view, camera=replace(view.camera, world_from_camera=pose)))
+    return tuple(moved)
+
+
+def find_ego_way(views: Sequence[CameraView]) -> Track:
+    """Find the way of the recording car from the camera with the most views: x right, y forward, z up.
+
+    Forward is where the car gets to, or where the camera looks in a drive of less than a metre.
+    """
+    names = [view.name for view in views]
+    name = max(dict.fromkeys(names), key=names.count)
+    poses = {view.time: view.camera.world_from_camera for view in views if view.name == name}
+    times = np.array(sorted(poses))
+    cameras = np.stack([poses[time] for time in times.tolist()])
+    places = cameras[:, :2, 3]
+    far = int(np.argmax(np.linalg.norm(places - places[0], axis=1) >= _LEAST_WAY))
+    ahead = places[far] - places[0] if far else cameras[0, :2, 2]
+    forward = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    car = np.eye(4)
+    car[:2, 0], car[:2, 1], car[:3, 3] = (forward[1], -forward[0]), forward, cameras[0, :3, 3]
+    camera_from_car = np.linalg.inv(cameras[0]) @ car
+    return Track("ego", "ego", np.ones(3), times, cameras @ camera_from_car, True)
+
+
+def _place_car(way: Track, changes: Sequence[EgoChange], seconds: float) -> Float64[ndarray, "4 4"]:
+    """world_from_car on the changed way."""
+    start = float(way.times[0])
+    moment = _change_time(changes, seconds)
+    pose = way.interpolate_pose(start + moment)
+    left, ahead = _change_lane(changes, seconds), 0.05
+    sideways = (_change_lane(changes, seconds + ahead) - _change_lane(changes, seconds - ahead)) / (2 * ahead)
+    later = way.interpolate_pose(start + _change_time(changes, seconds + ahead))[:3, 3]
+    before = way.interpolate_pose(start + _change_time(changes, seconds - ahead))[:3, 3]
+    speed = float(np.linalg.norm(later - before)) / (2 * ahead)
+    yaw = math.atan2(sideways, speed) if speed > 0.5 else 0.0
+    turn = np.eye(4)
+    turn[:3, :3] = matrix_from_quaternion(np.array([math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)]))
+    turn[0, 3] = -left
+    return pose @ turn
+
+
+def _change_time(changes: Sequence[EgoChange], seconds: float) -> float:
+    """Seconds of its own drive at which the car was where it is now."""
+    for change in changes:
+        if change.kind == "speed":
+            seconds *= change.value
+        elif change.kind == "stop":
+            braking = min(max(seconds - change.value, 0.0), BRAKE_SECONDS)
+            seconds = min(seconds, change.value) + braking - braking**2 / (2 * BRAKE_SECONDS)
+    return seconds
+
+
+def _change_lane(changes: Sequence[EgoChange], seconds: float) -> float:
+    """Metres to the left of its own way."""
+    left = 0.0
+    for change in changes:
+        if change.kind == "shift":
+            left += change.value
+        elif change.kind == "lane":
+            share = min(max((seconds - change.start) / change.seconds, 0.0), 1.0)
+            left += change.value * share**3 * (10 - 15 * share + 6 * share**2)  # no jump in speed or acceleration
+    return left
+
+
+def _check(change: EgoChange, text: str) -> None:
+    if change.kind in ("shift", "lane") and abs(change.value) > FARTHEST:
+        raise OptionError(f"{text!r} goes {abs(change.value):g} m to the side; at most {FARTHEST:g} m are possible")
+    if change.kind == "lane" and not (change.seconds >= 0.5 and change.start >= 0):
+        raise OptionError(f"{text!r}: a change of lane takes at least 0.5 s and begins at 0 s or later")
+    if change.kind == "speed" and not 0 <= change.value <= 1:
+        raise OptionError(f"{text!r}: the factor of the speed is from 0 to 1; what lies beyond the drive is not known")
+    if change.kind == "stop" and change.value < 0:
+        raise OptionError(f"{text!r}: the car begins to brake at 0 s or later")

@@ -1,0 +1,123 @@
+"""The LiDAR of a recording: the clip's own, as far as its sweeps show it, or a described one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32, Int64
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip
+from instdrive_core.errors import OptionError
+from instdrive_core.maths.streams import Stream, make_generator
+from instdrive_core.recording.run_clip import open_run_clip
+from instdrive_core.recording.sweep_files import CastSweep, MomentSweep
+from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.scene import Scene
+from instdrive_core.sweeps.cast import RayCaster
+from instdrive_core.sweeps.intensity import learn_intensities
+from instdrive_core.sweeps.pattern import Pattern, trace_pattern
+from instdrive_core.sweeps.place import find_sensor_place
+from instdrive_core.sweeps.rig import Rig, build_rig
+from instdrive_core.sweeps.sensor import find_sensor
+
+OWN, NONE = "own", "none"
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A sensor and what is known of how surfaces return its light."""
+
+    find_pattern: Callable[[float], Pattern]
+    """Where it looks in the sweep of a moment, seconds."""
+    intensities: Float32[ndarray, " n"]
+    """By splat of the edited scene."""
+    notes: tuple[str, ...] = ()
+    """What the user should know."""
+
+
+def choose_lidar(name: str | None, run: Path | None, opened: Scene, rows: Int64[ndarray, " n"]) -> Lidar | None:
+    """Choose the LiDAR that is asked for; None for none.
+
+    Args:
+        name: `own`, `none`, a sensor of `sweeps.sensor.SENSORS`, or a JSON file; None is the clip's own where its
+            sweeps are at hand.
+        run: folder of the run, which names its clip; None where the scene is no longer in its clip's world.
+        opened: the scene with what edits added, nothing moved or deleted.
+        rows: row of `opened` for each splat of the edited scene.
+
+    Raises OptionError where `own` is asked for and no sweeps are at hand.
+    """
+    if name == NONE:
+        return None
+    clip, problem = (None, "") if run is None else open_run_clip(run, opened)
+    has_sweeps = clip is not None and len(clip.training_sweeps) > 0
+    if name in (None, OWN) and not has_sweeps:
+        if name is None:
+            return None
+        raise OptionError(f"there are no sweeps to learn the own LiDAR from: {problem or 'the clip has none'}")
+    notes = []
+    if clip is not None and has_sweeps:
+        intensities = learn_intensities(opened, clip)[rows]
+    else:
+        intensities = np.zeros(len(rows), np.float32)
+        notes.append("the run's sweeps are not at hand: the LiDAR's intensity is 0 everywhere")
+    if name in (None, OWN) and clip is not None:
+        return Lidar(_trace_own(clip, opened), intensities, tuple(notes))
+    pattern = find_sensor(name or OWN)
+    return Lidar(lambda _: pattern, intensities, tuple(notes))
+
+
+def build_sweep_caster(scene: Scene, lidar: Lidar, views: Sequence[CameraView]) -> CastSweep:
+    """Build what casts the sweep of a time step into the edited scene; equal steps give equal sweeps.
+
+    Args:
+        scene: the edited scene, with its tracks.
+        lidar: the sensor.
+        views: of all cameras of the rig, on the way that the recording car takes.
+    """
+    rig, casters = build_rig(views), {}
+
+    def cast(step: int, moment: float) -> MomentSweep:
+        pattern = lidar.find_pattern(moment)
+        key = (pattern.near, pattern.far)
+        if key not in casters:
+            casters[key] = RayCaster(scene, *key)
+        rays = pattern.aim(rig, moment)
+        returns = casters[key].cast(rays)
+        met = np.flatnonzero(np.isfinite(returns.ranges))
+        ranges = returns.ranges[met].astype(np.float64)
+        if pattern.noise:
+            ranges += make_generator(0, Stream.LIDAR_NOISE, step).normal(0, pattern.noise, len(met))
+        rows = returns.rows[met]
+        pose = np.eye(4)
+        places, turns = rig.place(np.array([moment]))
+        pose[:3, :3], pose[:3, 3] = turns[0], places[0] + turns[0] @ pattern.place
+        return MomentSweep(
+            points=(rays.origins[met] + ranges[:, None] * rays.directions[met]).astype(np.float32),
+            intensity=lidar.intensities[rows],
+            times=rays.times[met],
+            instances=scene.instance_ids[rows],
+            world_from_lidar=pose,
+        )
+
+    return cast
+
+
+def _trace_own(clip: Clip, opened: Scene) -> Callable[[float], Pattern]:
+    """The pattern of the clip's nearest sweep that may train; the last one is kept."""
+    rig: Rig = build_rig([frame.view for frame in clip.frames])
+    sweeps, kept = clip.training_sweeps, {}
+    place = find_sensor_place(RayCaster(opened), rig, sweeps[len(sweeps) // 2])
+
+    def find(moment: float) -> Pattern:
+        nearest = min(sweeps, key=lambda sweep: abs(sweep.time - moment))
+        if nearest.index not in kept:
+            kept.clear()
+            kept[nearest.index] = trace_pattern(rig, nearest.time, nearest.load(), place)
+        return kept[nearest.index]
+
+    return find

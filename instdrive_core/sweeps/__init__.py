@@ -1,0 +1,1 @@
+"""LiDAR sweeps of a scene: rays of a sensor cast into the Gaussians."""

@@ -1,0 +1,69 @@
+"""Recording from a session: what the command gets, what the user is told, and which folders are taken."""
+
+import pytest
+from session_driver import errors, finish
+from small_clip import write_small_clip
+
+from instdrive_app.session.making.drive_recorder import (
+    LAYOUTS,
+    RecordChoice,
+    find_folder_problem,
+    is_begun,
+)
+from instdrive_core.cli.recording.simulate import Layout
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.project.open import open_document
+from instdrive_core.recording.ego_path import parse_ego_change
+from instdrive_core.recording.folder import read_manifest
+
+
+@pytest.fixture
+def recorder(session, street_folder):
+    """The recorder of a session that shows the street."""
+    document, _ = open_document(street_folder)
+    session.show(document, street_folder)
+    return session.recorder
+
+
+def test_the_dialog_offers_what_the_command_takes():
+    assert set(LAYOUTS) == set(Layout.__args__)
+
+
+@pytest.mark.parametrize("way", ["shift", "lane", "speed", "stop"])
+def test_every_way_is_one_of_the_command(way):
+    arguments = RecordChoice(way=way, amount=0.5).list_arguments()
+    assert parse_ego_change(arguments[arguments.index("--ego") + 1]).kind == way
+
+
+def test_choices_become_arguments():
+    assert RecordChoice().list_arguments() == []
+    chosen = RecordChoice(width=64, flow=True, confidence=True, layouts=("coco", "t4"))
+    assert chosen.list_arguments() == ["--width", "64", "--flow", "--confidence", "--layout", "coco", "t4"]
+
+
+def test_the_drive_is_recorded_as_edited_and_told(recorder, session, tmp_path):
+    gone = next(iter(session.document.scene.table)).id
+    session.history.apply(DeleteInstances((gone,)))
+    recorder.begin(tmp_path / "out", RecordChoice(width=64))
+    assert recorder.is_running
+    finish(session)
+    assert not errors(session)
+    assert session.messages.log[-1].text.startswith(f"Recorded {tmp_path / 'out'}, ")
+    manifest = read_manifest(tmp_path / "out")
+    assert gone not in {entry["id"] for entry in manifest["instances"]}
+    assert {view["width"] for view in manifest["views"]} == {64}
+    assert is_begun(str(tmp_path / "out"))
+    assert not find_folder_problem(str(tmp_path / "out"))
+
+    recorder.begin(tmp_path / "out", RecordChoice(width=32))
+    finish(session)
+    assert "another scene, or of other views" in errors(session)[-1]
+
+
+def test_folders_that_cannot_take_a_recording_are_refused(tmp_path):
+    (tmp_path / "file").write_text("x")
+    clip = write_small_clip(tmp_path / "clip")
+    assert find_folder_problem("  ") == "Name a folder"
+    assert "is a file" in find_folder_problem(str(tmp_path / "file"))
+    assert "something else" in find_folder_problem(str(clip))
+    assert not find_folder_problem(str(tmp_path / "new"))

@@ -1,0 +1,109 @@
+"""Other ways of the recording car."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from instdrive_core.errors import OptionError
+from instdrive_core.recording.ego_path import EgoChange, find_ego_way, parse_ego_change, reroute_views
+from instdrive_core.scene.camera import Camera, CameraView, look_at
+
+SPEED, STEP = 8.0, 0.1
+
+
+def make_views(steps=60):
+    """A rig of two cameras, the first one looking back, that drives along x."""
+    views = []
+    for index in range(steps):
+        place = np.array([SPEED * STEP * index, 3.0, 1.5])
+        for name, ahead in (("back", -1.0), ("left", 0.0)):
+            pose = look_at(place, place + np.array([ahead, 0.0 if ahead else 1.0, 0.0]))
+            views.append(CameraView(Camera(60, 60, 32, 24, 64, 48, pose), name, index, 5.0 + STEP * index))
+    return tuple(views)
+
+
+def list_places(views, name="back"):
+    return np.array([view.camera.position for view in views if view.name == name])
+
+
+def test_the_way_heads_where_the_car_drives_not_where_the_camera_looks():
+    way = find_ego_way(make_views())
+    np.testing.assert_allclose(way.world_from_box[0, :3, 1], [1, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(way.world_from_box[0, :3, 2], [0, 0, 1], atol=1e-9)
+
+
+def test_a_shift_goes_to_the_left_and_turns_nothing():
+    views = make_views()
+    moved = reroute_views(views, [EgoChange("shift", 2.0)])
+    np.testing.assert_allclose(list_places(moved) - list_places(views), np.tile([0, 2.0, 0], (60, 1)), atol=1e-9)
+    for old, new in zip(views, moved, strict=True):
+        np.testing.assert_allclose(
+            new.camera.world_from_camera[:3, :3], old.camera.world_from_camera[:3, :3], atol=1e-9
+        )
+
+
+def test_the_rig_stays_as_it_is_on_any_way():
+    views = make_views()
+    changes = [EgoChange("lane", -3.5, 1.0, 3.0), EgoChange("speed", 0.6)]
+    moved = reroute_views(views, changes)
+    for old, new in zip(
+        (views[place : place + 2] for place in range(0, len(views), 2)),
+        (moved[place : place + 2] for place in range(0, len(views), 2)),
+        strict=True,
+    ):
+        relative = [np.linalg.inv(a.camera.world_from_camera) @ b.camera.world_from_camera for a, b in (old, new)]
+        np.testing.assert_allclose(relative[0], relative[1], atol=1e-9)
+
+
+def test_a_change_of_lane_begins_and_ends_where_it_should_and_heads_along_its_way():
+    views = make_views()
+    places = list_places(reroute_views(views, [EgoChange("lane", 3.5, 1.0, 3.0)]))
+    aside = places[:, 1] - 3.0
+    np.testing.assert_allclose(aside[:10], 0, atol=1e-9)
+    np.testing.assert_allclose(aside[41:], 3.5, atol=1e-9)
+    assert (np.diff(aside) >= -1e-12).all()
+    moved = reroute_views(views, [EgoChange("lane", 3.5, 1.0, 3.0)])
+    middle = [view for view in moved if view.name == "back"][25]
+    driven = places[26] - places[24]
+    looks = middle.camera.world_from_camera[:3, 2]
+    assert np.dot(driven / np.linalg.norm(driven), looks) == pytest.approx(-1, abs=1e-3)
+
+
+def test_a_slower_car_gets_less_far():
+    places = list_places(reroute_views(make_views(), [EgoChange("speed", 0.5)]))
+    np.testing.assert_allclose(places[-1, 0], 0.5 * SPEED * STEP * 59, atol=1e-9)
+
+
+def test_a_stopping_car_brakes_smoothly_and_stands():
+    places = list_places(reroute_views(make_views(), [EgoChange("stop", 2.0)]))
+    speeds = np.diff(places[:, 0]) / STEP
+    np.testing.assert_allclose(speeds[:19], SPEED, atol=1e-6)
+    np.testing.assert_allclose(speeds[41:], 0, atol=1e-9)
+    assert (np.diff(speeds) < 1e-9).all()
+    assert places[-1, 0] == pytest.approx(SPEED * (2.0 + 1.0), abs=1e-6)
+
+
+def test_a_way_too_short_to_tell_heads_where_the_camera_looks():
+    still = tuple(dataclasses.replace(view, time=view.time) for view in make_views(1))
+    np.testing.assert_allclose(find_ego_way(still).world_from_box[0, :3, 1], [-1, 0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "change"),
+    [
+        ("shift=-1.5", EgoChange("shift", -1.5)),
+        ("lane=3.5@2", EgoChange("lane", 3.5, 2.0)),
+        ("lane=-3.5@2-6", EgoChange("lane", -3.5, 2.0, 4.0)),
+        ("speed=0.5", EgoChange("speed", 0.5)),
+        ("stop=3", EgoChange("stop", 3.0)),
+    ],
+)
+def test_changes_are_parsed(text, change):
+    assert parse_ego_change(text) == change
+
+
+@pytest.mark.parametrize("text", ["", "left", "shift", "lane=3", "shift=80", "speed=2", "stop=-1", "lane=3@4-2"])
+def test_what_is_no_change_is_said(text):
+    with pytest.raises(OptionError):
+        parse_ego_change(text)
