@@ -23,6 +23,8 @@ _TRIAL = "instdrive_core.formats.clouds.las_trial"
 _SPARE, _SPARE_PER_BYTE = 100 << 20, 8
 """Bytes of memory that a whole file may need, and those for each of its bytes."""
 _HEADER_BYTES, _POINTS_START, _LONG_COUNT_START = 375, 96, 247
+_DAMAGE = (OSError, ValueError, EOFError, OverflowError, MemoryError, TypeError, struct.error)
+"""What laspy raises for damaged files beside its own errors."""
 _POINTS, _LONG_COUNT = struct.Struct("<I4xBHI"), struct.Struct("<Q")
 """First byte of the points, their format, bytes of each, and their count."""
 _SMALL_COUNT, _POINTS_PER_BYTE = 400_000, 2
@@ -47,7 +49,7 @@ def read_las(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
             cloud = _read_points(reader, path, options)
     except DataError:
         raise
-    except (laspy.LaspyException, OSError, ValueError, EOFError, OverflowError, MemoryError, TypeError) as error:
+    except (laspy.LaspyException, *_DAMAGE) as error:
         raise _refuse(path, error) from error
     except BaseException as error:  # lazrs ends by a panic of its own kind where a chunk is damaged
         if type(error).__name__ not in ("PanicException", "LazrsError"):

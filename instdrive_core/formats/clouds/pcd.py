@@ -80,7 +80,7 @@ def _describe_record(path: Path, said: dict[str, list[str]]) -> np.dtype:
         raise DataError(path, "FIELDS, TYPE, SIZE and COUNT do not have one entry for each field", _REMEDY)
     fields = []
     for place, (name, kind, size, count) in enumerate(zip(names, kinds, sizes, counts, strict=True)):
-        good = size.isdecimal() and count.isdecimal() and len(count) < 5 and kind in _KINDS
+        good = size.isdecimal() and count.isdecimal() and max(len(size), len(count)) < 5 and kind in _KINDS
         if not good or int(size) not in _SIZES[kind] or not 0 < int(count) <= _MAX_VALUES:
             problem = f"the field {name[:40]!r} has {count[:20]} values of {size[:20]} {kind[:20]}"
             raise DataError(path, problem, _REMEDY)

@@ -25,6 +25,8 @@ _SHARE_OF_GAP = 0.4
 _SMALLEST, _LARGEST = 0.002, 0.25
 """Metres: standard deviations of splats."""
 _OPACITY = 0.95
+_FARTHEST = 1e30
+"""Metres: what is farther is no position; float32 ends soon after."""
 _FAR = 1e5
 """Metres from the origin beyond which float32 is no longer good to a centimetre."""
 _BLOCK_ROWS = 1 << 18
@@ -49,7 +51,8 @@ def make_cloud_scene(path: Path, cloud: CloudPoints, options: ReadOptions) -> Sc
 
     Raises DataError where no point is left, SceneTooLargeError.
     """
-    good: ndarray = np.isfinite(cloud.positions).all(axis=1)  # pyright: ignore[reportAssignmentType]
+    with np.errstate(invalid="ignore"):
+        good = np.asarray((np.abs(cloud.positions) < _FARTHEST).all(axis=1))
     left_out = () if good.all() else (f"{int((~good).sum()):,} points without a position",)
     if not good.any():
         raise DataError(path, "the cloud has no points with a position", "Export it again")

@@ -76,7 +76,7 @@ def test_every_form_of_pcd(tmp_path, form):
 
 def test_points_without_a_position_are_left_out_and_told(tmp_path):
     points = cloud().astype(np.float32)
-    points[::5, 1] = np.nan
+    points[::10, 1], points[5::10, 2] = np.nan, 3e38
     (tmp_path / "a.pcd").write_bytes(build_pcd(points, np.zeros((500, 3), int), "binary"))
     scene = open_scene(tmp_path / "a.pcd")
     assert len(scene) == 400
@@ -100,6 +100,7 @@ def test_lzf_copies_from_what_it_has_written():
         (b"DATA binary", b"DATA gzip", "DATA is 'gzip'"),
         (b"FIELDS x y z", b"FIELDS x y q", "no z"),
         (b"SIZE 4 4", b"SIZE 4 3", "values of 3 F"),
+        (b"SIZE 4 4", b"SIZE 4 " + b"4" * 5000, "values of 4444"),
         (b"WIDTH 500\nHEIGHT 1\nPOINTS 500", b"WIDTH 9000000\nHEIGHT 1\nPOINTS 9000000", "its points need"),
     ],
 )
@@ -109,6 +110,16 @@ def test_headers_that_lie_are_refused(tmp_path, old, new, said):
     (tmp_path / "a.pcd").write_bytes(content.replace(old, new))
     with pytest.raises(DataError, match=said):
         open_scene(tmp_path / "a.pcd")
+
+
+def test_a_header_that_ends_early_is_refused(tmp_path):
+    """Version 1.3 promises fields that the file's bytes end before."""
+    path = write_las(tmp_path / "a.las", cloud())
+    whole = path.read_bytes()
+    for end in range(200, 380, 9):
+        path.write_bytes(whole[:end])
+        with pytest.raises(DataError):
+            open_scene(path)
 
 
 def test_a_count_that_no_file_can_hold_is_refused(tmp_path):
