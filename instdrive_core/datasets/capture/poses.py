@@ -24,6 +24,7 @@ from threading import Thread
 from typing import IO, Any
 
 from instdrive_core.errors import DataError
+from instdrive_core.extras import MissingExtraError
 
 OnStage = Callable[[str, int, int], None]
 """Is told the title of a step, how much is done, and how much there is."""
@@ -72,7 +73,7 @@ def find_poses(folder: Path, names: list[str], lens: str, is_video: bool, on_sta
     Raises DataError where no model comes about, or where pycolmap cannot be loaded, fails or crashes;
     ModuleNotFoundError without pycolmap.
     """
-    require_pycolmap()
+    require_capture_packages()
     task = {"folder": str(folder), "names": names, "lens": lens, "is_video": is_video}
     last, skipped = ("", 0, 0), list[int]()
 
@@ -101,10 +102,12 @@ def find_poses(folder: Path, names: list[str], lens: str, is_video: bool, on_sta
     raise AssertionError("the last start returns or raises")
 
 
-def require_pycolmap() -> None:
-    """Raise ModuleNotFoundError where pycolmap is not installed; it is not loaded."""
+def require_capture_packages() -> None:
+    """Raise ModuleNotFoundError or MissingExtraError where pycolmap or OpenCV is not installed; neither is loaded."""
     if find_spec("pycolmap") is None:
         raise ModuleNotFoundError("No module named 'pycolmap'", name="pycolmap")
+    if find_spec("cv2") is None:  # another extra, larger than what is needed here, brings it too
+        raise MissingExtraError("this needs OpenCV, which is not installed. Run: pip install 'instdrive[capture]'")
 
 
 @contextmanager

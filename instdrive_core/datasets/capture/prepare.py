@@ -15,7 +15,7 @@ from PIL import Image, ImageOps
 
 from instdrive_core.datasets.capture.candidates import list_photo_files, measure_candidates, read_pictures
 from instdrive_core.datasets.capture.choice import FEWEST, choose_pictures
-from instdrive_core.datasets.capture.poses import FoundPoses, OnStage, find_poses, require_pycolmap
+from instdrive_core.datasets.capture.poses import FoundPoses, OnStage, find_poses, require_capture_packages
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.atomic import replace_atomically, write_bytes
 from instdrive_core.files.json_fields import read_json, require_field
@@ -50,7 +50,7 @@ def prepare_clip(asked: Preparation, on_stage: OnStage) -> FoundPoses | None:
     state = _read_state(asked)
     if state is not None and (asked.out / "sparse" / "0" / "cameras.bin").is_file():
         return None
-    require_pycolmap()
+    require_capture_packages()
     if state is None:
         _require_place(asked.out)
         state = _describe(asked) | {"pictures": _choose(asked, on_stage)}

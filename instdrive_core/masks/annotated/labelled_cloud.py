@@ -17,10 +17,11 @@ from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip, Sweep
 from instdrive_core.datasets.sweeps import SIBLING_REACH
+from instdrive_core.instances.vehicles import names_vehicle
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 from instdrive_core.scene.track import Track
 
-VEHICLES = frozenset(
+MOVABLE = frozenset(
     (
         "Car",
         "Pickup Truck",
@@ -34,19 +35,17 @@ VEHICLES = frozenset(
         "Train",
         "Trolley",
         "Tram / Subway",
+        "Motorcycle",
+        "Other Vehicle - Pedicab",
+        "Personal Mobility Device",
+        "Motorized Scooter",
+        "Bicycle",
+        "Pedestrian",
+        "Pedestrian with Object",
+        "Animals - Bird",
+        "Animals - Other",
     )
 )
-MOVABLE = VEHICLES | {
-    "Motorcycle",
-    "Other Vehicle - Pedicab",
-    "Personal Mobility Device",
-    "Motorized Scooter",
-    "Bicycle",
-    "Pedestrian",
-    "Pedestrian with Object",
-    "Animals - Bird",
-    "Animals - Other",
-}
 """Semantic classes whose points belong to a cuboid; outside of one, it is not known to which object."""
 ONE_SURFACE = {"Lane Line Marking": "Road", "Stop Line Marking": "Road", "Other Road Marking": "Road"}
 """Classes that are painted on another one."""
@@ -231,7 +230,7 @@ def _thin_points(
 def _build_model(track: Track, parts: list[Float32[ndarray, "k 3"]]) -> Float32[ndarray, "m 3"]:
     """An object's points, vehicles completed by their mirror image, around a core that any such object fills."""
     points = _drop_strays(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
-    if track.label in VEHICLES:
+    if names_vehicle(track.label):
         points = np.concatenate([points, points * np.array([-1, 1, 1], np.float32)])
     points, _ = _thin_points(points, np.zeros(len(points), np.uint32), MODEL_VOXEL)
     return np.concatenate([points, _build_core(track)])
@@ -256,7 +255,7 @@ def _build_core(track: Track) -> Float32[ndarray, "m 3"]:
 
     Shares of the box: a vehicle's body and the part of its cabin that all kinds of vehicles have, else a trunk.
     """
-    if track.label in VEHICLES:
+    if names_vehicle(track.label):
         parts = (((-0.4, 0.4), (-0.42, 0.42), (-0.3, 0.0)), ((-0.3, 0.3), (-0.1, 0.02), (0.0, 0.36)))
     else:
         parts = (((-0.2, 0.2), (-0.2, 0.2), (-0.42, 0.4)),)

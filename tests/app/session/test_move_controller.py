@@ -19,8 +19,6 @@ from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows
 from instdrive_core.edits.kinds.visibility import LockInstances
 from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
 from instdrive_core.edits.queries.placement import compute_bottom, compute_center
-from instdrive_core.instances.table import Instance
-from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.rasterize.kernels.view_colors import compute_colors
 from instdrive_core.rasterize.preview import render_preview
@@ -134,21 +132,6 @@ def test_vehicles_turn_upright_others_freely_until_the_user_says_so(session):
     session.selection.select((FIRST_CAR,))
     session.actions.run("move.yaw_only")
     assert not moving.yaw_only
-
-
-@pytest.mark.parametrize(
-    ("class_name", "name", "expected"),
-    [
-        ("Car", "", True),
-        ("Semi-truck", "", True),
-        ("Other Vehicle - Uncommon", "", True),
-        ("Carpet", "", False),
-        ("", "red van", True),
-        ("Tree", "car tree", False),
-    ],
-)
-def test_vehicles_are_known_by_class_or_name(class_name, name, expected):
-    assert is_vehicle(Instance(1, name, class_name=class_name)) is expected
 
 
 def preview_of(scene, camera, harmonics=None):

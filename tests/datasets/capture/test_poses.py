@@ -14,6 +14,7 @@ from PIL import Image
 
 from instdrive_core.datasets.capture.poses import FoundPoses, find_poses
 from instdrive_core.errors import DataError
+from instdrive_core.extras import MissingExtraError
 
 NAMES = [f"{number:06d}.png" for number in range(9)]
 WORKING = """
@@ -218,6 +219,15 @@ def test_a_missing_pycolmap_is_named(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     monkeypatch.setattr("instdrive_core.datasets.capture.poses.find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError, match="pycolmap"):
+        find(folder)
+
+
+def test_a_missing_opencv_is_named_with_the_extra_of_the_command(folder, stand_in, monkeypatch):
+    stand_in("")
+    monkeypatch.setattr(
+        "instdrive_core.datasets.capture.poses.find_spec", lambda name: None if name == "cv2" else find_spec(name)
+    )
+    with pytest.raises(MissingExtraError, match=r"OpenCV.*instdrive\[capture\]"):
         find(folder)
 
 

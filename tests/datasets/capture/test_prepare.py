@@ -58,7 +58,7 @@ def found(monkeypatch):
         return FoundPoses(len(names), 40, 0.5)
 
     monkeypatch.setattr(prepare, "find_poses", find)
-    monkeypatch.setattr(prepare, "require_pycolmap", lambda: None)
+    monkeypatch.setattr(prepare, "require_capture_packages", lambda: None)
     return asked
 
 
