@@ -18,6 +18,7 @@ from instdrive_app.render.gl.renderer import (
     round_to_figure,
 )
 from instdrive_app.render.gl.sky_pass import BACKDROP
+from instdrive_app.render.software.merged_splats import MergedSplats
 from instdrive_app.render.software.picture import add_outlines, paint_color, paint_depth, paint_ids, paint_safe_ids
 from instdrive_app.render.software.placed_splats import PlacedSplats
 from instdrive_app.render.software.scene import SceneState
@@ -36,8 +37,12 @@ from instdrive_core.scene.selection import Flag
 
 DRAFT_SECONDS = 1 / 16
 """Drafts leave out enough splats to be drawn in this time."""
+MERGED_SECONDS = 1 / 40
+"""Drafts of scenes with levels of detail are drawn coarsely enough for this time."""
 FEWEST_SPLATS = 150_000
 """Splats that a draft shows at least, if the scene has as many: with fewer, walls of small splats get holes."""
+_SAMPLE = 500_000
+"""Splats that the depth view's range is found from at most."""
 _NO_FRAMES = np.zeros(0, np.int32)
 
 
@@ -70,21 +75,24 @@ class DrawnFrame:
 class SoftwareDraw:
     """Draws requests, and keeps the last blended frame to compose outlines and view modes from."""
 
-    def __init__(self) -> None:
-        self._workspace = Workspace()
+    def __init__(self, fewest: int = FEWEST_SPLATS) -> None:
+        """Drafts of scenes with more splats than `fewest` are drawn with levels of detail."""
+        self._workspace, self._fewest = Workspace(), fewest
         self._placed: PlacedSplats | None = None
         self._blended: Preview | None = None
         self._winner = np.zeros((0, 0), np.int32)
         self._found: ProjectedSplats | None = None
         self._key: object = None
         self._budget = 2 * FEWEST_SPLATS
+        self._merged: MergedSplats | None = None
         self._depth_range: tuple[object, tuple[float, float]] = (None, (1.0, 100.0))
 
     def __call__(self, request: FrameRequest, newer: Callable[[], FrameRequest | None] = lambda: None) -> DrawnFrame:
         """Draw one frame. Raises Superseded if a sharp picture is asked for while the camera already moves on."""
         started, snapshot = time.perf_counter(), request.snapshot
         placed = self._update_placed(request)
-        camera = _choose_camera(snapshot)
+        merged = self._choose_merged(placed, snapshot)
+        camera = _choose_camera(snapshot, merged.factor if merged is not None else DRAFT_FACTOR)
         key = (
             make_camera_key(camera),
             snapshot.id_opacity,
@@ -97,18 +105,29 @@ class SoftwareDraw:
         seconds = None
         if key != self._key:
             self._key = None  # the kept frame is overwritten, perhaps only in part
-            self._blend(placed, camera, snapshot, lambda: _check(request, newer))
+            if merged is None or not self._blend_merged(merged, placed, camera, snapshot):
+                self._blend(placed, camera, snapshot, lambda: _check(request, newer))
             self._key, seconds = key, time.perf_counter() - started
-            if snapshot.draft:
+            if seconds > DRAFT_SECONDS:
+                self._start_merging(placed)
+            if merged is not None and snapshot.draft:
+                merged.adapt(seconds / MERGED_SECONDS)
+            elif snapshot.draft:
                 self._adapt(seconds, len(placed.means))
         picture = self._compose(request.state, snapshot, camera)
         return DrawnFrame(request, picture, self._winner, self._depth_range[1], seconds)
+
+    def wait_for_detail(self) -> None:
+        """Wait until the levels of detail are built that a draft has asked for."""
+        if self._merged is not None:
+            self._merged.wait()
 
     def _update_placed(self, request: FrameRequest) -> PlacedSplats:
         state, moment = request.state, request.snapshot.time
         placed = self._placed
         if placed is None or placed.state.rows_version != state.rows_version:
             placed = self._placed = PlacedSplats(state, moment)
+            self._merged = None
         placed.update(state, moment)
         return placed
 
@@ -128,6 +147,49 @@ class SoftwareDraw:
         check()
         write_colors(found, _build_color_source(placed), placed.means, camera.position)
         check()
+        self._finish(found, placed, camera, snapshot, settings)
+
+    def _choose_merged(self, placed: PlacedSplats, snapshot: FrameSnapshot) -> MergedSplats | None:
+        """Choose the splats with levels of detail if they are there."""
+        if snapshot.draft:
+            self._start_merging(placed)
+        if self._merged is None or not self._merged.ready or snapshot.view_mode in SPLAT_MODES:
+            return None
+        return self._merged
+
+    def _start_merging(self, placed: PlacedSplats) -> None:
+        """Build levels of detail beside the window, once it is known that frames of this scene are slow."""
+        if self._merged is None and len(placed.means) > self._fewest:
+            self._merged = MergedSplats(placed)
+
+    def _blend_merged(
+        self, merged: MergedSplats, placed: PlacedSplats, camera: Camera, snapshot: FrameSnapshot
+    ) -> bool:
+        """Draw a draft from levels of detail, or a sharp frame of what is in view; False where that is most of it."""
+        settings, workspace = RasterSettings(antialiased=placed.state.antialiased), self._workspace
+        choose = merged.choose if snapshot.draft else merged.cull
+        cut = choose(camera, settings.near, workspace)
+        if cut is None:
+            return False
+        found = project_splats(cut.means, cut.quats, cut.log_scales, cut.opacities, camera, settings, workspace)
+        splats, nodes = merged.build_sources(cut, _build_color_source(placed))
+        middle, end = cut.splat_count, len(cut.means)
+        write_colors(found.take_part(0, middle), splats, cut.means[:middle], camera.position)
+        write_colors(found.take_part(middle, end), nodes, cut.means[middle:], camera.position)
+        self._finish(found, placed, camera, snapshot, settings)
+        self._winner = np.append(cut.rows, np.int32(-1))[self._winner]
+        return True
+
+    def _finish(
+        self,
+        found: ProjectedSplats,
+        placed: PlacedSplats,
+        camera: Camera,
+        snapshot: FrameSnapshot,
+        settings: RasterSettings,
+    ) -> None:
+        """Blend what was projected and coloured, before the sky."""
+        state, workspace = placed.state, self._workspace
         usual = RING_RULE if snapshot.view_mode is ViewMode.RINGS else DEFAULT_PICK_RULE
         rule = replace(usual, min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
         if state.sky is not None and snapshot.show_sky:
@@ -168,11 +230,11 @@ class SoftwareDraw:
         return self._depth_range[1]
 
 
-def _choose_camera(snapshot: FrameSnapshot) -> Camera:
+def _choose_camera(snapshot: FrameSnapshot, factor: int) -> Camera:
     camera = snapshot.camera
-    if not snapshot.draft:
+    if not snapshot.draft or factor == 1:
         return camera
-    return camera.resize(max(1, camera.width // DRAFT_FACTOR), max(1, camera.height // DRAFT_FACTOR))
+    return camera.resize(max(1, camera.width // factor), max(1, camera.height // factor))
 
 
 def _check(request: FrameRequest, newer: Callable[[], FrameRequest | None]) -> None:
@@ -199,7 +261,7 @@ def _has_marks(state: SceneState, snapshot: FrameSnapshot) -> bool:
 
 def _compute_depth_range(means: Float32[ndarray, "n 3"], camera: Camera) -> tuple[float, float]:
     axis = camera.camera_from_world[2].astype(np.float32)
-    depths = means @ axis[:3] + axis[3]
+    depths = means[:: max(1, len(means) // _SAMPLE)] @ axis[:3] + axis[3]
     depths = depths[depths > DEFAULT_SETTINGS.near]
     count = len(depths)
     if not count:

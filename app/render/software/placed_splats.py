@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Float32, Float64, Int32, Int64
 from numpy import ndarray
 
 from instdrive_app.render.software.scene import SceneState
@@ -57,6 +57,22 @@ class PlacedSplats:
     def turned(self) -> bool:
         """Whether there are frames other than the first."""
         return len(self._table) > 1
+
+    @property
+    def frame_table(self) -> Float64[ndarray, "f 18"]:
+        """Where each frame is; another array as soon as one has changed."""
+        return self._table
+
+    def place_merged(
+        self,
+        frames: Int32[ndarray, " k"],
+        means: Float32[ndarray, "k 3"],
+        quats: Float32[ndarray, "k 4"],
+        log_scales: Float32[ndarray, "k 3"],
+    ) -> None:
+        """Place Gaussians that are not rows of the scene, in place: out of their frames into the world."""
+        rows, arrays = np.flatnonzero(frames), (means, quats, log_scales)
+        _place_rows(rows, frames, self._table, arrays, (*arrays, np.empty(len(frames), np.float32)))
 
     def update(self, state: SceneState, time: float) -> None:
         """Bring everything to another state with the same rows, and to a time (seconds)."""
@@ -128,7 +144,10 @@ def _build_frame_table(pairs: list[tuple[int, int]], state: SceneState, time: fl
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 def _place_rows(rows, frames, table, stored, shown):
-    """Compute x → s R x + t, rotate quaternions and scale standard deviations; what never moved keeps its bits."""
+    """Compute x → s R x + t, rotate quaternions and scale standard deviations; what never moved keeps its bits.
+
+    `shown` may begin with the arrays of `stored`.
+    """
     means, quats, log_scales = stored
     for k in numba.prange(len(rows)):
         i = rows[k]

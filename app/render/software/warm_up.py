@@ -27,11 +27,16 @@ def start_warm_up() -> threading.Thread:
 
 
 def warm_up_software() -> None:
-    """Draw an empty scene in every view mode, with and without sky, and as a draft."""
+    """Draw an empty scene in every view mode, with and without sky, and as drafts."""
     scene = scene_from_gaussians(create_empty_gaussians())
     scene.sky = Sky(np.zeros((6, 2, 2, 3), np.float32))
     state, draw = SceneWatcher(Document(scene)).take_state(), SoftwareDraw()
     sharp = resolve(EditorState(hovered=1), _SIDE, _SIDE)
     ways = [replace(sharp, view_mode=mode) for mode in ViewMode]
-    for snapshot in (*ways, replace(sharp, show_sky=False), replace(sharp, draft=True)):
+    draft = replace(sharp, draft=True)
+    for snapshot in (*ways, replace(sharp, show_sky=False), draft):
         draw(FrameRequest(state, snapshot))
+    detailed = SoftwareDraw(fewest=-1)
+    detailed(FrameRequest(state, draft))
+    detailed.wait_for_detail()
+    detailed(FrameRequest(state, replace(draft, show_sky=False)))

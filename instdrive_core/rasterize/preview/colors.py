@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numba
 import numpy as np
@@ -37,6 +37,8 @@ class ColorSource:
     """Entry of the colour palette; 0 changes nothing."""
     matrices: Float32[ndarray, "p 3 4"]
     """[A | b] of each entry: max(A c + b, 0) is shown for c."""
+    sources: Int32[ndarray, " n"] = field(default_factory=lambda: np.zeros(0, np.int32))
+    """Row of `sh_dc` and `sh_rest` that each splat takes; empty where they lie in the same order."""
 
 
 def write_colors(
@@ -47,7 +49,7 @@ def write_colors(
     turned = (source.frames, to_kernel_array(source.rotations))
     recolored = (np.require(source.entries, np.uint16, ["C", "W"]), to_kernel_array(source.matrices))
     place = (means, to_kernel_array(camera_position))
-    _write(place, harmonics, turned, recolored, found.depths, found.colors)
+    _write(place, (*harmonics, source.sources), turned, recolored, found.depths, found.colors)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -73,17 +75,18 @@ def _fill_directions(rows, count, place, turned, directions):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _sum_up(rows, count, harmonics, basis, recolored, colors):
-    sh_dc, sh_rest = harmonics
+    sh_dc, sh_rest, sources = harmonics
     entries, matrices = recolored
     zero = np.float32(0)
     for at in range(np.uint64(count)):
         i = np.uint64(rows[at])
-        red, green, blue = _HALF + _Y0 * sh_dc[i, 0], _HALF + _Y0 * sh_dc[i, 1], _HALF + _Y0 * sh_dc[i, 2]
+        j = np.uint64(sources[i]) if len(sources) else i
+        red, green, blue = _HALF + _Y0 * sh_dc[j, 0], _HALF + _Y0 * sh_dc[j, 1], _HALF + _Y0 * sh_dc[j, 2]
         for k in range(np.uint64(len(basis))):
             value = basis[k, at]
-            red += value * sh_rest[i, k, 0]
-            green += value * sh_rest[i, k, 1]
-            blue += value * sh_rest[i, k, 2]
+            red += value * sh_rest[j, k, 0]
+            green += value * sh_rest[j, k, 1]
+            blue += value * sh_rest[j, k, 2]
         entry = np.uint64(entries[i])
         if entry:
             m = matrices[entry]
@@ -104,8 +107,9 @@ def _write(place, harmonics, turned, recolored, depths, colors):
             if depths[row] > np.float32(0):
                 rows[visible] = row
                 visible += 1
+                source = np.uint64(harmonics[2][row]) if len(harmonics[2]) else np.uint64(row)
                 for line in range(np.uint64(0), width, _LINE):
-                    prefetch(coefficients, np.uint64(row) * width + line)
+                    prefetch(coefficients, source * width + line)
         directions, basis = np.empty((3, _CHUNK), np.float32), np.empty((harmonics[1].shape[1], _CHUNK), np.float32)
         if len(basis) and visible:
             _fill_directions(rows, visible, place, turned, directions)

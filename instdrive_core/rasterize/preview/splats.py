@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numba
 import numpy as np
 from jaxtyping import Float32
@@ -44,6 +46,12 @@ class ProjectedSplats:
         """Columns of `Projection.splats`, then its covariances, then room for the colour."""
         self.depths = workspace.get_array("projected depths", (count,))
         """0 for invisible ones, whose lines are undefined."""
+
+    def take_part(self, start: int, end: int) -> ProjectedSplats:
+        """Take the rows from `start` to before `end`; a view."""
+        part = copy(self)
+        part.lines, part.depths = self.lines[start:end], self.depths[start:end]
+        return part
 
     @property
     def splats(self) -> Float32[ndarray, "n 8"]:

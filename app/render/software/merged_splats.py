@@ -1,0 +1,145 @@
+"""Large scenes with levels of detail: what the render thread draws drafts from."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int32, UInt16, UInt32
+from numpy import ndarray
+
+from instdrive_app.render.gl.renderer import DRAFT_FACTOR
+from instdrive_app.render.software.placed_splats import PlacedSplats
+from instdrive_app.render.software.scene import SceneState
+from instdrive_core.available_memory import measure_available_memory
+from instdrive_core.maths.workspace import Workspace
+from instdrive_core.rasterize.detail.cut import Cut, choose_cut
+from instdrive_core.rasterize.detail.fit import LeafState, NodeState
+from instdrive_core.rasterize.detail.gather import CutSplats, gather_cut
+from instdrive_core.rasterize.detail.tree import build_detail_tree
+from instdrive_core.rasterize.preview.colors import ColorSource
+from instdrive_core.scene.camera import Camera
+
+_FINEST, _COARSEST, _COARSEST_WHOLE = 1.0, 5.0, 4.0
+"""Pixels of the draft: bounds on the standard deviation up to which a node stands for its splats; with the coarsest at
+half resolution trained streets keep 32 dB, and what is coarser than the last at whole resolution is drawn at half."""
+_START = 2.0
+_SPARE = 0.4
+"""Share of its time below which the finest draft at half resolution leaves room for one at whole resolution."""
+_BYTES = 120
+"""Memory that each splat needs while the tree is built; a third of it remains."""
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """What the nodes were brought up to date with."""
+
+    shown: Bool[ndarray, " n"]
+    frames: Int32[ndarray, " n"]
+    color_entries: UInt16[ndarray, " n"]
+    instance_ids: UInt32[ndarray, " n"]
+    table: Float64[ndarray, "f 18"]
+    look_version: int
+
+
+class MergedSplats:
+    """A scene's splats and what they merge to, kept current with `PlacedSplats`. Only the render thread uses it.
+
+    The tree is built by a thread of its own; `ready` is False until then, and stays so where memory is short.
+    """
+
+    def __init__(self, placed: PlacedSplats) -> None:
+        self._placed = placed
+        self._nodes: NodeState | None = None
+        self._fitted: _Fitted | None = None
+        self._tolerance, self.factor = _START, DRAFT_FACTOR
+        """Pixels, and how many times smaller than the view a draft is."""
+        self._thread = threading.Thread(target=self._build, args=(placed.state,), name="detail", daemon=True)
+        self._thread.start()
+
+    @property
+    def ready(self) -> bool:
+        """Whether drafts can be drawn from it."""
+        return self._nodes is not None
+
+    def wait(self) -> None:
+        """Wait until the tree is built, or cannot be."""
+        self._thread.join()
+
+    def choose(self, camera: Camera, near: float, workspace: Workspace) -> CutSplats:
+        """Choose what a draft draws; the arrays are the workspace's. `near` is in metres."""
+        nodes, leaves = self._update()
+        return self._gather(choose_cut(nodes, camera, self._tolerance, near, workspace), nodes, leaves, workspace)
+
+    def cull(self, camera: Camera, near: float, workspace: Workspace) -> CutSplats | None:
+        """Find all splats that a view may show; None where that is most of the scene, and gathering them is no gain."""
+        nodes, leaves = self._update()
+        cut = choose_cut(nodes, camera, 0.0, near, workspace)
+        if 2 * len(cut.splats) > len(leaves.means):
+            return None
+        return self._gather(replace(cut, splats=np.sort(cut.splats)), nodes, leaves, workspace)
+
+    def _gather(self, cut: Cut, nodes: NodeState, leaves: LeafState, workspace: Workspace) -> CutSplats:
+        placed = self._placed
+        alphas = np.ascontiguousarray(placed.state.color_values[:, 12], np.float32)
+        found = gather_cut(cut, nodes, leaves, placed.quats, alphas, workspace)
+        merged = slice(found.splat_count, None)
+        placed.place_merged(found.frames[merged], found.means[merged], found.quats[merged], found.log_scales[merged])
+        return found
+
+    def build_sources(self, found: CutSplats, source: ColorSource) -> tuple[ColorSource, ColorSource]:
+        """Build the colours of a cut's splats and of its nodes, given those of the scene."""
+        assert self._nodes is not None, "the tree is built"
+        tree, a = self._nodes.tree, found.splat_count
+        parts = []
+        harmonics = ((source.sh_dc, source.sh_rest), (tree.sh_dc, tree.sh_rest))
+        for part, (sh_dc, sh_rest) in zip((slice(a), slice(a, None)), harmonics, strict=True):
+            frames = found.frames[part] if len(source.frames) else source.frames
+            entries, places = found.color_entries[part], found.sources[part]
+            parts.append(ColorSource(sh_dc, sh_rest, frames, source.rotations, entries, source.matrices, places))
+        return parts[0], parts[1]
+
+    def adapt(self, ratio: float) -> None:
+        """Draw coarser where the last draft took more than its time (`ratio` above 1), finer where less."""
+        wanted = self._tolerance * float(np.clip(ratio, 0.5, 1.6)) ** 0.5
+        if self.factor > 1 and self._tolerance <= _FINEST and ratio < _SPARE:
+            self.factor, wanted = 1, _COARSEST_WHOLE - 1
+        elif self.factor == 1 and wanted > _COARSEST_WHOLE:
+            self.factor, wanted = DRAFT_FACTOR, _COARSEST_WHOLE / DRAFT_FACTOR
+        self._tolerance = min(max(wanted, _FINEST), _COARSEST)
+
+    def _build(self, state: SceneState) -> None:
+        if measure_available_memory() < 2 * _BYTES * len(state.nodes):
+            return
+        self._nodes = NodeState(build_detail_tree(state.gaussians, state.instance_ids, state.nodes))
+
+    def _update(self) -> tuple[NodeState, LeafState]:
+        nodes, placed, before = self._nodes, self._placed, self._fitted
+        assert nodes is not None, "the tree is built"
+        ids, state = placed.state.instance_ids, placed.state
+        leaves = LeafState(placed.means, placed.log_scales, placed.opacities, placed.frames, state.color_entries, ids)
+        if before is not None and before.look_version == placed.look_version and before.instance_ids is ids:
+            return nodes, leaves
+        shown = placed.opacities > 0
+        if before is None:
+            blocks = np.arange(nodes.tree.block_count)
+        else:
+            changed = (shown != before.shown) | (placed.frames != before.frames)
+            changed |= state.color_entries != before.color_entries
+            changed |= ids != before.instance_ids
+            blocks = nodes.find_blocks(changed | _find_shifted(before.table, placed))
+        nodes.fit(blocks, leaves)
+        entries = state.color_entries
+        self._fitted = _Fitted(shown, placed.frames.copy(), entries, ids, placed.frame_table, placed.look_version)
+        return nodes, leaves
+
+
+def _find_shifted(before: Float64[ndarray, "f 18"], placed: PlacedSplats) -> Bool[ndarray, " n"]:
+    """Find splats whose frame is elsewhere than it was."""
+    table = placed.frame_table
+    shifted = np.zeros(len(table), bool)
+    shifted[: len(before)] = (table[: len(before)] != before).any(axis=1)
+    if not shifted.any():
+        return np.zeros(len(placed.frames), bool)
+    return shifted[placed.frames]

@@ -1,0 +1,110 @@
+"""The cut through the tree that a view needs: splats where they are large on the screen, merged ones elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from jaxtyping import Int32
+from numpy import ndarray
+
+from instdrive_core.maths.workspace import Workspace
+from instdrive_core.rasterize.detail.fit import NodeState
+from instdrive_core.rasterize.detail.tree import BLOCK, LEVELS
+from instdrive_core.rasterize.kernels.project import camera_to_row
+from instdrive_core.scene.camera import Camera
+
+
+@dataclass(frozen=True)
+class Cut:
+    """What is drawn instead of all splats; each splat in the view is there once, itself or in a node."""
+
+    splats: Int32[ndarray, " a"]
+    nodes: Int32[ndarray, " b"]
+
+
+def choose_cut(state: NodeState, camera: Camera, tolerance: float, near: float, workspace: Workspace) -> Cut:
+    """Choose nodes whose largest standard deviation is below `tolerance` (pixels), and splats where none is.
+
+    Args:
+        near: Metres; what lies nearer to the camera's plane is left out.
+    """
+    tree = state.tree
+    blocks = tree.block_count
+    listed = workspace.get_array("cut", (blocks, BLOCK), np.int32)
+    counts = np.zeros((blocks, 2), np.int64)
+    view = (camera_to_row(camera), _compute_planes(camera), np.float32(near))
+    nodes = (state.spheres, state.rows, state.spreads)
+    _choose(view, np.float32(tolerance), (tree.order, tree.starts), nodes, listed, counts)
+    ends = np.cumsum(counts, axis=0)
+    cut = Cut(np.empty(ends[-1, 0] if blocks else 0, np.int32), np.empty(ends[-1, 1] if blocks else 0, np.int32))
+    _collect(listed, counts, ends - counts, cut.splats, cut.nodes)
+    return cut
+
+
+def _compute_planes(camera: Camera) -> ndarray:
+    """Inner normals (4, 3), in camera axes, of the planes through the camera and the picture's edges."""
+    left, right = -camera.cx / camera.fx, (camera.width - camera.cx) / camera.fx
+    top, bottom = -camera.cy / camera.fy, (camera.height - camera.cy) / camera.fy
+    planes = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
+    return (planes / np.linalg.norm(planes, axis=1, keepdims=True)).astype(np.float32)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "afn"})
+def _judge(view, tolerance, sphere, row, spread):
+    """0: out of the view or hidden; 1: draw the node; 2: look at what it stands for."""
+    if row == -2:
+        return 0
+    row_of_view, planes, near = view
+    x = row_of_view[0] * sphere[0] + row_of_view[1] * sphere[1] + row_of_view[2] * sphere[2] + row_of_view[9]
+    y = row_of_view[3] * sphere[0] + row_of_view[4] * sphere[1] + row_of_view[5] * sphere[2] + row_of_view[10]
+    z = row_of_view[6] * sphere[0] + row_of_view[7] * sphere[1] + row_of_view[8] * sphere[2] + row_of_view[11]
+    radius = sphere[3]
+    if z + radius < near:
+        return 0
+    for plane in range(4):
+        if planes[plane, 0] * x + planes[plane, 1] * y + planes[plane, 2] * z < -radius:
+            return 0
+    if row < 0:
+        return 2
+    distance = np.sqrt(x * x + y * y + z * z) - radius
+    if not distance > near:
+        return 2
+    return 1 if row_of_view[12] * spread < tolerance * distance else 2
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+def _choose(view, tolerance, order, nodes, listed, counts):
+    """Splats fill each block's list from its start, nodes from its end."""
+    leaves, starts = order
+    spheres, rows, spreads = nodes
+    for block in numba.prange(len(listed)):
+        place, end = block * BLOCK, min((block + 1) * BLOCK, len(leaves))
+        level, splats, merged = LEVELS, 0, 0
+        while place < end:
+            node = starts[level] + (place >> (2 * level))
+            verdict = _judge(view, tolerance, spheres[node], rows[node], spreads[node])
+            if verdict == 2 and level > 1:
+                level -= 1
+                continue
+            if verdict == 2:
+                for k in range(place, min(place + 4, end)):
+                    listed[block, splats] = leaves[k]
+                    splats += 1
+            elif verdict == 1:
+                merged += 1
+                listed[block, BLOCK - merged] = node
+            place += 1 << (2 * level)
+            while level < LEVELS and (place >> (2 * level)) & 3 == 0:
+                level += 1
+        counts[block, 0], counts[block, 1] = splats, merged
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+def _collect(listed, counts, starts, splats, nodes):
+    for block in numba.prange(len(listed)):
+        for k in range(counts[block, 0]):
+            splats[starts[block, 0] + k] = listed[block, k]
+        for k in range(counts[block, 1]):
+            nodes[starts[block, 1] + k] = listed[block, BLOCK - 1 - k]

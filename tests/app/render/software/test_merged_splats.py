@@ -1,0 +1,133 @@
+"""Drafts with levels of detail against drafts of all splats."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from procedural_street import DRIVING_CAR, FIRST_CAR, ROAD
+
+from instdrive_app import camera
+from instdrive_app.render.software import merged_splats
+from instdrive_app.render.software.draw import FrameRequest, SoftwareDraw
+from instdrive_app.render.software.merged_splats import MergedSplats
+from instdrive_app.render.software.placed_splats import PlacedSplats
+from instdrive_app.render.software.scene import SceneWatcher
+from instdrive_app.state import EditorState, ViewMode, resolve
+from instdrive_core.available_memory import assume_memory
+from instdrive_core.edits.kinds.color import RecolorInstances
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.merge import MergeInstances
+from instdrive_core.edits.kinds.move import MoveInstances
+
+SIZE = (300, 180)
+BLUE_CAR = FIRST_CAR + 1
+
+
+class Pair:
+    """A document drawn with and without levels of detail."""
+
+    def __init__(self, document):
+        self.document, self.watcher = document, SceneWatcher(document)
+        self.plain, self.detailed = SoftwareDraw(fewest=10**9), SoftwareDraw(fewest=0)
+
+    def draw(self, index=0, **changes):
+        view = self.document.scene.views[index]
+        state = EditorState(viewpoint=camera.view_from_camera(view), time=changes.pop("time", view.time), **changes)
+        request = FrameRequest(self.watcher.take_state(), resolve(state, *SIZE, draft=True))
+        self.detailed(request)
+        self.detailed.wait_for_detail()
+        again = replace(request, snapshot=replace(request.snapshot, show_sky=not request.snapshot.show_sky))
+        self.detailed(again)  # a frame that is kept is not blended anew
+        return self.plain(request), self.detailed(request)
+
+    def assert_alike(self, *where, **changes):
+        plain, detailed = self.draw(*where, **changes)
+        error = (plain.picture[..., :3].astype(float) - detailed.picture[..., :3]) / 255
+        assert -10 * np.log10((error**2).mean()) > 32
+        return detailed.picture
+
+
+@pytest.fixture
+def pair(street, monkeypatch):
+    monkeypatch.setattr(MergedSplats, "adapt", lambda self, ratio: None)  # how fast this machine is decides nothing
+    monkeypatch.setattr(merged_splats, "_START", 1.5)
+    return Pair(street)
+
+
+def test_drafts_with_levels_of_detail_look_alike_and_draw_fewer(pair, monkeypatch):
+    drawn = []
+    choose = MergedSplats.choose
+    monkeypatch.setattr(MergedSplats, "choose", lambda *given: drawn.append(choose(*given)) or drawn[-1])
+    for index in (0, 3, 6):
+        pair.assert_alike(index)
+    merged = drawn[-1]
+    assert merged.splat_count < len(merged.rows) < len(pair.document.scene)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        RecolorInstances((BLUE_CAR, ROAD), "tint", (0.9, 0.4, 0.1)),
+        DeleteInstances((BLUE_CAR,)),
+        MoveInstances((BLUE_CAR, DRIVING_CAR), (-2.0, 1.0, 0.3), rotation=(0.5**0.5, 0, 0, 0.5**0.5), scale=0.7),
+        DuplicateInstances((BLUE_CAR,), (-3.0, 2.0, 0.0)),
+    ],
+    ids=lambda edit: type(edit).__name__,
+)
+def test_edits_and_their_undoing_show_at_once(pair, edit):
+    before = pair.assert_alike()
+    pair.document.apply(edit)
+    assert (pair.assert_alike() != before).any(axis=2).mean() > 0.02
+    pair.document.undo()
+    assert np.abs(pair.assert_alike().astype(int) - before).mean() < 2
+
+
+def test_what_drives_stays_on_its_track(pair):
+    shown = [pair.assert_alike(2, time=time) for time in (0.0, 1.0, 60.0, 0.0)]
+    assert (shown[0] != shown[1]).any()
+    assert (shown[1] != shown[2]).any()
+
+
+def test_instances_show_in_their_colours(pair):
+    for change in (None, MergeInstances((FIRST_CAR,), BLUE_CAR)):
+        if change is not None:
+            pair.document.apply(change)
+        plain, detailed = pair.draw(view_mode=ViewMode.INSTANCE)
+        assert (plain.picture == detailed.picture).all(axis=2).mean() > 0.97
+        ids = np.append(pair.document.scene.instance_ids, 0)
+        assert (ids[plain.winner] == ids[detailed.winner]).mean() > 0.97
+
+
+@pytest.mark.parametrize("index", [0, 3])
+def test_sharp_frames_leave_out_what_is_out_of_view_and_nothing_else(pair, monkeypatch, index):
+    pair.draw(index)
+    culled = []
+    cull = MergedSplats.cull
+    monkeypatch.setattr(MergedSplats, "cull", lambda *given: culled.append(cull(*given)) or culled[-1])
+    street = pair.document.scene.views[index]
+    for turn in (0.0, 2.0):
+        look = camera.look(camera.view_from_camera(street), turn, 0.3)
+        request = FrameRequest(pair.watcher.take_state(), resolve(EditorState(viewpoint=look, time=street.time), *SIZE))
+        plain, detailed = pair.plain(request), pair.detailed(request)
+        np.testing.assert_allclose(plain.picture.astype(int), detailed.picture, atol=1)
+        assert (plain.picture == detailed.picture).mean() > 0.999
+        np.testing.assert_array_equal(plain.winner, detailed.winner)
+    assert any(found is not None and len(found.rows) < len(pair.document.scene) / 2 for found in culled)
+
+
+def test_drafts_are_whole_where_there_is_time_and_half_where_there_is_none(street):
+    made = MergedSplats(PlacedSplats(SceneWatcher(street).take_state(), 0.0))
+    made.wait()
+    for _ in range(20):
+        made.adapt(0.1)
+    assert made.factor == 1
+    for _ in range(20):
+        made.adapt(3.0)
+    assert made.factor == 2
+
+
+def test_without_memory_drafts_go_on_without_levels_of_detail(pair):
+    with assume_memory(1e5):
+        plain, detailed = pair.draw()
+    np.testing.assert_array_equal(plain.picture, detailed.picture)
