@@ -66,12 +66,13 @@ class Optimizers:
         return tensors
 
     def load_state_tensors(self, tensors: dict[str, Tensor]) -> None:
-        """The inverse of `state_tensors`."""
+        """Take over what `state_tensors` gave, by value; each tensor goes to its parameter's device."""
         for group, optimizer in self._groups().items():
             optimizer.load_state_tensors(_within(tensors, group))
         sky = _within(tensors, "sky")
         if sky:
-            self.sky.state[self.sky.param_groups[0]["params"][0]] = {name: value.clone() for name, value in sky.items()}
+            faces = self.sky.param_groups[0]["params"][0]
+            self.sky.state[faces] = {name: value.to(faces.device, copy=True) for name, value in sky.items()}
 
     def _groups(self) -> dict[str, VisibleAdam]:
         return {
