@@ -23,6 +23,7 @@ class BackendElsewhere(CpuBackend):
     """Nothing is drawn with it: only where tensors lie matters here."""
 
     device = ELSEWHERE
+    uses_kernels = False
 
 
 @pytest.fixture(scope="module")
