@@ -32,6 +32,7 @@ from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.device import choose_backend
 from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene, resume_trainer
 from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
+from instdrive_core.training.checkpoint_pace import CheckpointPace
 from instdrive_core.training.gaussians.exposures import export_exposures
 from instdrive_core.training.gaussians.first_gaussians import MIN_ACTOR_POINTS
 from instdrive_core.training.instances.instance_learner import InstanceLearner, LearnedInstances, read_codewords
@@ -162,10 +163,12 @@ def run_training(
 
 
 def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> None:
+    pace = CheckpointPace()
     with RunLog(out / LOG, trainer.stage, trainer.iteration) as log:
         for event in trainer.run():
-            if isinstance(event, CheckpointDue):
-                save_checkpoint(out / CHECKPOINT, trainer)
+            if isinstance(event, CheckpointDue) and (event.ends_stage or pace.is_due()):
+                with pace.time_saving():
+                    save_checkpoint(out / CHECKPOINT, trainer)
             if isinstance(event, StepDone):
                 log.write(event)
             began = time.perf_counter()

@@ -134,7 +134,7 @@ class Trainer:
                 yield self._show_drawn(*self._drawn)
             if self.iteration % self.config.checkpoint_every == 0 or self.iteration == total:
                 self.check_parameters()
-                yield CheckpointDue(self.stage, self.iteration)
+                yield CheckpointDue(self.stage, self.iteration, ends_stage=self.iteration == total)
 
     # One step of each stage, from top to bottom.
 
