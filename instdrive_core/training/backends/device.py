@@ -90,6 +90,13 @@ def _read_version(text: str) -> tuple[int, ...]:
     return tuple(map(int, re.findall(r"\d+", text)[:3]))
 
 
+def measure_free_gpu_memory(backend: Backend) -> int | None:
+    """Measure the bytes that nobody uses on the backend's GPU; None where it has none."""
+    import torch
+
+    return torch.cuda.mem_get_info(backend.device)[0] if backend.device.type == "cuda" else None
+
+
 def _unsuitable_gsplat() -> str | None:
     import torch
 
