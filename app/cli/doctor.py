@@ -127,13 +127,18 @@ def _check_opengl_render() -> str:
 
 def _describe_cuda() -> str:
     try:
-        from instdrive_core.training.backends.device import choose_backend, describe_gpu, explain_missing_cuda
+        from instdrive_core.training.backends.device import (
+            choose_backend,
+            describe_cuda_row,
+            describe_gpu,
+            explain_missing_cuda,
+        )
 
         missing = explain_missing_cuda()
         if missing is not None:
-            return f"training uses the CPU: {missing}"
+            return f"training uses the CPU: {missing} Row in docs/gpu.md: {describe_cuda_row()}"
         choose_backend("cuda")  # draws one Gaussian
-        return f"{describe_gpu()}; gsplat draws"
+        return f"{describe_gpu()}; gsplat draws (row in docs/gpu.md: {describe_cuda_row()})"
     except ModuleNotFoundError as error:
         return f"not looked for: {explain_missing_module(error) or error}"
     except (ImportError, OSError) as error:

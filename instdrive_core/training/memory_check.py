@@ -12,6 +12,7 @@ from instdrive_core.available_memory import measure_available_memory
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.datasets.photos import read_photo_size
 from instdrive_core.errors import OptionError, format_gigabytes
+from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.views.view_store import DEFAULT_BUDGET
 
 PROGRAM_BYTES = 0.5e9
@@ -21,6 +22,12 @@ STEP_BYTES = 242
 KEPT_BYTES = 6
 """Bytes per pixel of each photo kept with its masks; all of them are kept within a budget."""
 
+_PLACE_VALUES = 3 + 4 + 3 + 1
+"""Mean, quaternion, scales and opacity."""
+_COUNTS = 2 * 1 + 2
+"""Adam's counts of updates, of geometry and of features; sum and count of the screen-space gradients."""
+_SHARE_OF_STATE = 0.5
+"""Share of the free memory that is suggested for the state: refining holds the old one beside the new one."""
 GAUSSIAN_BYTES = 2e3
 """Bytes of a Gaussian with its gradients and what the optimiser remembers."""
 PHOTO_BYTES = 3e6
@@ -61,6 +68,28 @@ def check_training_memory(clip: Clip) -> None:
     ways = [way for way in (_suggest_scale(frames, available), _suggest_cameras(clip, available)) if way]
     remedy = " or ".join(ways) or "use a machine with more memory"
     raise OptionError(f"{clip.path}: {problem}, {format_gigabytes(available)} are free; {remedy}")
+
+
+def count_state_bytes(config: TrainConfig) -> int:
+    """Count the bytes that a Gaussian takes between two steps: its values, Adam's two moments of each, and counts."""
+    harmonics = (config.geometry.sh_degree + 1) ** 2
+    values = _PLACE_VALUES + 3 * harmonics + config.instances.feature_dim
+    return 4 * (3 * values + _COUNTS)
+
+
+def check_gpu_memory(config: TrainConfig, free: int) -> None:
+    """Check that a GPU holds the state of all Gaussians that may grow, with `free` bytes that nothing else uses.
+
+    This is the least by calculation: what a step draws with comes on top. Raises OptionError with a number that fits.
+    """
+    count, each = config.densify.max_gaussians, count_state_bytes(config)
+    if config.freeze_geometry or count * each <= free:
+        return
+    raise OptionError(
+        f"--device cuda: {count:,} Gaussians take at least {format_gigabytes(count * each)} of the GPU's memory, "
+        f"{format_gigabytes(free)} are free; give --max-gaussians {int(free * _SHARE_OF_STATE / each)}, close other "
+        "programs that use the GPU, or train with --device cpu"
+    )
 
 
 def _sizes(frames: tuple[Frame, ...], factor: float = 1.0) -> list[tuple[int, int]]:

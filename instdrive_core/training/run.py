@@ -29,15 +29,16 @@ from instdrive_core.scene.track import Track
 from instdrive_core.tracks.choice import TrackSource, with_tracks
 from instdrive_core.tracks.photos.setting_apart import set_movers_apart
 from instdrive_core.training.backends.backend import Backend
-from instdrive_core.training.backends.device import choose_backend
+from instdrive_core.training.backends.device import choose_backend, measure_free_gpu_memory
 from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene, resume_trainer
 from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
+from instdrive_core.training.checkpoint_pace import CheckpointPace
 from instdrive_core.training.gaussians.exposures import export_exposures
 from instdrive_core.training.gaussians.first_gaussians import MIN_ACTOR_POINTS
 from instdrive_core.training.instances.instance_learner import InstanceLearner, LearnedInstances, read_codewords
 from instdrive_core.training.instances.scene_export import export_trained_scene
 from instdrive_core.training.instances.voted_instances import vote_instances
-from instdrive_core.training.memory_check import check_training_memory, measure_peak_memory
+from instdrive_core.training.memory_check import check_gpu_memory, check_training_memory, measure_peak_memory
 from instdrive_core.training.run_log import RunLog
 from instdrive_core.training.settings.clip_size import AskedSizes, fit_to_clip, measure_way
 from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, PieceChoice, TrainConfig, keep_cameras
@@ -131,6 +132,9 @@ def run_training(
     if not clip.training_sweeps:
         request = replace(request, config=keep_cameras(request.config))
     check_training_memory(clip)
+    free = measure_free_gpu_memory(backend)
+    if free is not None:
+        check_gpu_memory(request.config, free)
     masks = ensure_masks(request.clip, clip, out, request.masks)
     if opened is None or opened.tracks is None:
         clip = with_tracks(clip, request.tracks, out, notes.add)
@@ -162,10 +166,12 @@ def run_training(
 
 
 def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> None:
+    pace = CheckpointPace()
     with RunLog(out / LOG, trainer.stage, trainer.iteration) as log:
         for event in trainer.run():
-            if isinstance(event, CheckpointDue):
-                save_checkpoint(out / CHECKPOINT, trainer)
+            if isinstance(event, CheckpointDue) and (event.ends_stage or pace.is_due()):
+                with pace.time_saving():
+                    save_checkpoint(out / CHECKPOINT, trainer)
             if isinstance(event, StepDone):
                 log.write(event)
             began = time.perf_counter()

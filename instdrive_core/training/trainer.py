@@ -85,7 +85,7 @@ class Trainer:
 
     def __post_init__(self) -> None:
         self.model.move_to(self.backend.device)
-        self.optimizers = Optimizers(self.model, self.config)
+        self.optimizers = Optimizers(self.model, self.config, self.backend.uses_kernels)
         self.growth = GrowthStatistics.empty(len(self.model), self.backend.device)
         self.cameras = CameraPoses(self.store.facts, self.config.geometry)
         self.has_masks = any(photo.has_masks for photo in self.store.facts)
@@ -134,7 +134,7 @@ class Trainer:
                 yield self._show_drawn(*self._drawn)
             if self.iteration % self.config.checkpoint_every == 0 or self.iteration == total:
                 self.check_parameters()
-                yield CheckpointDue(self.stage, self.iteration)
+                yield CheckpointDue(self.stage, self.iteration, ends_stage=self.iteration == total)
 
     # One step of each stage, from top to bottom.
 
@@ -267,7 +267,7 @@ class Trainer:
 
     def continue_on_cpu(self) -> None:
         """Move everything to the CPU: the instance stage is sparse products on frozen geometry, which take no GPU."""
-        if self.backend.device.type != "cpu":
+        if not self.backend.uses_kernels:
             state = {name: value.cpu() for name, value in self.optimizers.state_tensors().items()}
             self.backend = CpuBackend()
             self.model.move_to(self.backend.device)

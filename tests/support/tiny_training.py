@@ -7,6 +7,8 @@ import numpy as np
 from instdrive_core.rasterize.render import render
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.training.backends.backend import Backend
+from instdrive_core.training.backends.cpu_backend import CpuBackend
 from instdrive_core.training.gaussians.model import build_model
 from instdrive_core.training.settings.config import TrainConfig, build_train_config
 from instdrive_core.training.trainer import Trainer
@@ -77,12 +79,15 @@ def tiny_config(schedule: str = "after") -> TrainConfig:
     )
 
 
-def new_trainer(config: TrainConfig) -> tuple[Trainer, np.ndarray]:
+def new_trainer(config: TrainConfig, backend: Backend | None = None, harmonics: int = 3) -> tuple[Trainer, np.ndarray]:
+    """A trainer on the photos of the clusters, and each Gaussian's object; `harmonics` beside the constant one."""
     rng = np.random.default_rng(0)
     truth, which = blobs(rng)
     views = photographed(truth, which, 1)
     start = truth.copy()
+    start.sh_rest = np.zeros((len(which), harmonics, 3), np.float32)
     start.sh_dc += rng.normal(0, 0.6, start.sh_dc.shape).astype(np.float32)
     sky = np.full((6, 8, 8, 3), 0.5, np.float32)
     model = build_model(start, np.zeros(len(which), np.uint16), (), sky, [view.time for view in views])
-    return Trainer(model, ViewStore.from_views(views), config, scene_radius=10.0), which
+    store = ViewStore.from_views(views)
+    return Trainer(model, store, config, scene_radius=10.0, backend=backend or CpuBackend()), which

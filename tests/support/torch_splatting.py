@@ -16,11 +16,12 @@ from instdrive_core.training.backends.gsplat_backend import GsplatBackend
 CHANNEL_COUNTS = {1, 2, 3, 4, 5, 8, 9, 16, 17, 32}
 GPU = pytest.param("gsplat", marks=[pytest.mark.gpu, pytest.mark.filterwarnings("default")])
 """A kind of backend for `backend_of`. Compiling gsplat warns of this and that; only our own warnings are errors."""
-MIN_ALPHA, MAX_ALPHA, MIN_TRANSMITTANCE = 1 / 255, 0.999, 1e-4
+MIN_ALPHA, MIN_TRANSMITTANCE = 1 / 255, 1e-4
 
 
 def backend_of(kind: str) -> GsplatBackend:
-    """`like 1.5` and `like 1.6`: on the stand-in, which differ in `absgrad`; `gsplat`: the real one, or a skip."""
+    """`like 1.5` and `like 1.6`: on the stand-in, where `absgrad` and the largest alpha differ; `gsplat`: the real one,
+    or a skip."""
     if kind != "gsplat":
         return GsplatBackend(torch.device("cpu"), TorchSplatting(holder=kind == "like 1.6"))
     missing = explain_missing_cuda()
@@ -34,13 +35,14 @@ class TorchSplatting:
 
     Args:
         holder: False: the backward pass sets `means2d.absgrad` (gsplat 1.5); True: the forward pass sets it to zeros,
-            which the backward pass fills (1.6).
+            which the backward pass fills (1.6). Alphas are clipped at 0.999 (1.5) or 0.99 (1.6).
     """
 
     __version__ = "1.5.3"
 
     def __init__(self, holder: bool = False) -> None:
         self.holder = holder
+        self.max_alpha = 0.99 if holder else 0.999
         self.calls: list[str] = []
         self.drawn_channels: list[int] = []
 
@@ -161,7 +163,7 @@ class TorchSplatting:
         assert colors.shape[:2] == (1, count)
         assert colors.shape[2] in CHANNEL_COUNTS
         assert isect_offsets.shape == (1, math.ceil(image_height / tile_size), math.ceil(image_width / tile_size))
-        place = (image_width, image_height, tile_size, isect_offsets, flatten_ids)
+        place = (image_width, image_height, tile_size, isect_offsets, flatten_ids, self.max_alpha)
         if absgrad and self.holder:
             means2d.absgrad = torch.zeros_like(means2d)
         return _Blend.apply(means2d, conics, colors, opacities, place, absgrad, self.holder)
@@ -175,12 +177,12 @@ class _Blend(torch.autograd.Function):
         values = [tensor[0] for tensor in (means2d, conics, colors, opacities)]
         image = torch.zeros(place[1], place[0], colors.shape[2] + 1)
         for pixels, splats in _tiles(place):
-            image.view(-1, image.shape[2])[pixels] = _blended(pixels, place[0], *(value[splats] for value in values))
+            image.view(-1, image.shape[2])[pixels] = _blended(pixels, place, *(value[splats] for value in values))
         return image[None, :, :, :-1].clone(), image[None, :, :, -1:].clone()
 
     @staticmethod
     def backward(ctx, grad_image, grad_alpha):
-        saved, width = ctx.saved_tensors, ctx.place[0]
+        saved = ctx.saved_tensors
         grads = [torch.zeros_like(tensor[0]) for tensor in saved]
         absolute = torch.zeros_like(grads[0])
         grad = torch.cat([grad_image, grad_alpha], dim=3).view(-1, grad_image.shape[3] + 1)
@@ -188,7 +190,7 @@ class _Blend(torch.autograd.Function):
             with torch.enable_grad():
                 means, *others = (tensor[0][splats].requires_grad_(True) for tensor in saved)
                 apart = means.detach()[:, None].expand(-1, len(pixels), -1).clone().requires_grad_(True)
-                drawn = _blended(pixels, width, apart, *others)
+                drawn = _blended(pixels, ctx.place, apart, *others)
             of_pixels, *rest = torch.autograd.grad(drawn, (apart, *others), grad[pixels])
             absolute.index_add_(0, splats, of_pixels.abs().sum(dim=1))
             for total, part in zip(grads, (of_pixels.sum(dim=1), *rest), strict=True):
@@ -203,7 +205,7 @@ class _Blend(torch.autograd.Function):
 
 def _tiles(place):
     """Flat pixels and splats, nearest first, of every tile that has splats."""
-    width, height, size, offsets, splats = place
+    width, height, size, offsets, splats, _ = place
     ends = torch.cat([offsets.view(-1)[1:], torch.tensor([len(splats)])])
     for tile, (start, end) in enumerate(zip(offsets.view(-1).tolist(), ends.tolist(), strict=True)):
         if start < end:
@@ -212,13 +214,14 @@ def _tiles(place):
             yield (rows[:, None] * width + columns).view(-1), splats[start:end].long()
 
 
-def _blended(pixels, width, means, conics, colors, opacities):
+def _blended(pixels, place, means, conics, colors, opacities):
     """Channels and alpha, (p, c + 1), of flat pixels; `means` may differ from pixel to pixel."""
+    width, max_alpha = place[0], place[-1]
     centres = torch.stack([pixels % width + 0.5, pixels // width + 0.5], dim=1)
     dx, dy = (centres - means.view(len(means), -1, 2)).unbind(2)
     a, b, c = conics[:, :, None].unbind(1)
     raw = opacities[:, None] * torch.exp(-0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy)
-    alphas = torch.where(raw >= MIN_ALPHA, raw.clamp_max(MAX_ALPHA), 0)
+    alphas = torch.where(raw >= MIN_ALPHA, raw.clamp_max(max_alpha), 0)
     total, light = torch.zeros(len(pixels), colors.shape[1]), torch.ones(len(pixels))
     open_still = torch.ones(len(pixels), dtype=torch.bool)
     for alpha, color in zip(alphas, colors, strict=True):

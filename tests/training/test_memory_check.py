@@ -2,25 +2,32 @@
 
 import re
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from photo_models import COUNT, HEIGHT, WIDTH, photo_model, write_nerfstudio
 from small_clip import write_small_clip
+from tiny_training import new_trainer, tiny_config
 
 from instdrive_core.available_memory import assume_memory
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import OptionError
 from instdrive_core.training import memory_check
+from instdrive_core.training.backends.cpu_backend import CpuBackend
+from instdrive_core.training.backends.device import measure_free_gpu_memory
 from instdrive_core.training.memory_check import (
     KEPT_BYTES,
     PROGRAM_BYTES,
     STEP_BYTES,
+    check_gpu_memory,
     check_training_memory,
+    count_state_bytes,
     estimate_training_bytes,
     measure_peak_memory,
 )
+from instdrive_core.training.settings.config import build_train_config
 from instdrive_core.training.views.view_store import DEFAULT_BUDGET
 
 
@@ -69,3 +76,30 @@ def test_the_peak_is_in_bytes_on_every_system(monkeypatch, platform):
 
 def test_this_process_holds_more_than_python_alone():
     assert 20e6 < measure_peak_memory() < 1e12
+
+
+def test_the_state_of_a_gaussian_is_counted_as_the_trainer_holds_it():
+    config = tiny_config()
+    trainer, _ = new_trainer(config, harmonics=(config.geometry.sh_degree + 1) ** 2 - 1)
+    optimizers, count = trainer.optimizers, len(trainer.model)
+    groups = (optimizers.geometry.state_tensors(), optimizers.features.state_tensors(), trainer.growth.state_tensors())
+    held = [value for group in (trainer.model.parameters, *groups) for value in group.values()]
+    assert sum(value.nbytes for value in held) == count * count_state_bytes(config)
+
+
+def test_too_many_gaussians_for_a_gpu_are_refused_with_a_number_that_fits():
+    config = build_train_config("instdrive", "paper")
+    config = replace(config, densify=replace(config.densify, max_gaussians=5_000_000))
+    check_gpu_memory(config, 16 << 30)
+    with pytest.raises(
+        OptionError, match=r"5,000,000 Gaussians take at least .* GB .*--max-gaussians \d+, close"
+    ) as told:
+        check_gpu_memory(config, 2 << 30)
+    fits = int(re.findall(r"--max-gaussians (\d+)", str(told.value))[0])
+    assert 500_000 < fits < 5_000_000
+    check_gpu_memory(replace(config, densify=replace(config.densify, max_gaussians=fits)), 2 << 30)
+    check_gpu_memory(replace(config, freeze_geometry=True), 2 << 30)
+
+
+def test_a_cpu_has_no_memory_of_a_gpu():
+    assert measure_free_gpu_memory(CpuBackend()) is None

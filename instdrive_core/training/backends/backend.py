@@ -32,6 +32,9 @@ class Backend(Protocol):
 
     name: str
     device: torch.device
+    uses_kernels: bool
+    """Whether the trainer's own steps beside these operations run on Numba's kernels too, which read the CPU's memory;
+    else in plain torch, on any device."""
 
     def rasterize(
         self,

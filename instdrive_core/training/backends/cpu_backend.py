@@ -12,6 +12,7 @@ class CpuBackend:
 
     name = "cpu"
     device = torch.device("cpu")
+    uses_kernels = True
 
     rasterize = staticmethod(autograd.rasterize)
     evaluate_harmonics = staticmethod(autograd.evaluate_harmonics)

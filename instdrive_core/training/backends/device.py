@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _OLDEST_GSPLAT = (1, 5, 3)
 """Earlier ones have other signatures."""
+_FIRST_FOR_CUDA_13 = (1, 6)
+"""Earlier sources do not compile with CUDA 13's headers."""
 _REQUIREMENT = f"'gsplat>={'.'.join(map(str, _OLDEST_GSPLAT))}'"
 
 
@@ -72,13 +74,45 @@ def describe_gpu() -> str:
     return f"{properties.name}, {properties.total_memory / 2**30:.0f} GiB, CUDA {torch.version.cuda}"
 
 
+def describe_cuda_row() -> str:
+    """Name the row of the table in docs/gpu.md, "Which torch with which gsplat", that this machine's torch is in."""
+    import torch
+
+    major = _read_version(torch.version.cuda or "")[:1]
+    if not major:
+        return "torch without CUDA: training on the CPU"
+    if major >= (13,):
+        return "torch for CUDA 13: gsplat 1.6 or newer"
+    return "torch for CUDA 11 or 12: gsplat 1.5.3 or newer"
+
+
+def _read_version(text: str) -> tuple[int, ...]:
+    return tuple(map(int, re.findall(r"\d+", text)[:3]))
+
+
+def measure_free_gpu_memory(backend: Backend) -> int | None:
+    """Measure the bytes that nobody uses on the backend's GPU; None where it has none."""
+    import torch
+
+    return torch.cuda.mem_get_info(backend.device)[0] if backend.device.type == "cuda" else None
+
+
 def _unsuitable_gsplat() -> str | None:
+    import torch
+
     try:
         version = str(importlib.import_module("gsplat").__version__)  # quick: kernels are compiled when first used
     except (ImportError, OSError) as error:
         return f"gsplat cannot be imported ({error}). Install it again: `pip install --force-reinstall {_REQUIREMENT}`."
-    if tuple(map(int, re.findall(r"\d+", version)[:3])) < _OLDEST_GSPLAT:
+    if _read_version(version) < _OLDEST_GSPLAT:
         return f"gsplat {version} is too old. Install a newer one: `pip install --upgrade {_REQUIREMENT}`."
+    if _read_version(torch.version.cuda or "") >= (13,) and _read_version(version) < _FIRST_FOR_CUDA_13:
+        return (
+            f"gsplat {version} does not compile with CUDA 13, which torch {torch.__version__} was built for (CUDA "
+            f"{torch.version.cuda}). Install torch for CUDA 12: `pip install --force-reinstall torch --index-url "
+            "https://download.pytorch.org/whl/cu128`, with the CUDA 12.8 toolkit; or gsplat 1.6 or newer: `pip install "
+            "git+https://github.com/nerfstudio-project/gsplat` (see docs/gpu.md)."
+        )
     return None
 
 

@@ -41,6 +41,7 @@ class GsplatBackend:
     """
 
     name = "gsplat"
+    uses_kernels = False
 
     evaluate_harmonics = staticmethod(torch_ops.evaluate_harmonics)
     place_gaussians = staticmethod(torch_ops.place_gaussians)

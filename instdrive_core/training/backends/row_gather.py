@@ -12,10 +12,12 @@ _CHUNK = 1 << 10
 """Rows that one thread copies at a time."""
 
 
-def gather_rows(values: Float[Tensor, "n *c"], rows: Int64[Tensor, " v"]) -> Float[Tensor, "v *c"]:
-    """`values[rows]` without gradient."""
+def gather_rows(
+    values: Float[Tensor, "n *c"], rows: Int64[Tensor, " v"], by_kernels: bool = True
+) -> Float[Tensor, "v *c"]:
+    """`values[rows]` without gradient; without `by_kernels` on any device."""
     values = values.detach()
-    if values.device.type != "cpu":
+    if not by_kernels:
         return values.index_select(0, rows)
     columns = values[0].numel() if len(values) else 0
     result = np.empty((len(rows), columns), np.float32)

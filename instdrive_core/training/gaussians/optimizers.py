@@ -19,7 +19,11 @@ _SKY_EPS = 1e-8
 class Optimizers:
     """Adam for each kind of parameter; rows without gradient keep their values and moments."""
 
-    def __init__(self, model: SceneModel, config: TrainConfig) -> None:
+    def __init__(self, model: SceneModel, config: TrainConfig, by_kernels: bool = True) -> None:
+        """
+        Args:
+            by_kernels: as for `VisibleAdam`.
+        """
         geometry, p, shared = config.geometry, model.parameters, model.shared
         self.track_decay = geometry.track_decay
         self.geometry = VisibleAdam(
@@ -32,10 +36,17 @@ class Optimizers:
                 "sh_dc": geometry.sh_dc_lr,
                 "sh_rest": geometry.sh_rest_lr,
             },
+            by_kernels=by_kernels,
         )
-        self.features = VisibleAdam({"features": p["features"]}, {"features": config.instances.feature_lr})
-        self.tracks = VisibleAdam(model.corrections, dict.fromkeys(model.corrections, geometry.track_lr))
-        self.exposures = VisibleAdam({"exposures": shared["exposures"]}, {"exposures": geometry.exposure_lr})
+        self.features = VisibleAdam(
+            {"features": p["features"]}, {"features": config.instances.feature_lr}, by_kernels=by_kernels
+        )
+        self.tracks = VisibleAdam(
+            model.corrections, dict.fromkeys(model.corrections, geometry.track_lr), by_kernels=by_kernels
+        )
+        self.exposures = VisibleAdam(
+            {"exposures": shared["exposures"]}, {"exposures": geometry.exposure_lr}, by_kernels=by_kernels
+        )
         self.sky = torch.optim.Adam([shared["sky"]], lr=geometry.sky_lr, eps=_SKY_EPS, fused=True)
 
     def step_shared(self, model: SceneModel) -> None:
@@ -66,12 +77,13 @@ class Optimizers:
         return tensors
 
     def load_state_tensors(self, tensors: dict[str, Tensor]) -> None:
-        """The inverse of `state_tensors`."""
+        """Take over what `state_tensors` gave, by value; each tensor goes to its parameter's device."""
         for group, optimizer in self._groups().items():
             optimizer.load_state_tensors(_within(tensors, group))
         sky = _within(tensors, "sky")
         if sky:
-            self.sky.state[self.sky.param_groups[0]["params"][0]] = {name: value.clone() for name, value in sky.items()}
+            faces = self.sky.param_groups[0]["params"][0]
+            self.sky.state[faces] = {name: value.to(faces.device, copy=True) for name, value in sky.items()}
 
     def _groups(self) -> dict[str, VisibleAdam]:
         return {

@@ -51,7 +51,9 @@ def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float
     poses = model.actor_poses.at(time, model.corrections)
     rows = find_rows_of_view(model, backend, poses, camera)
     names = (*GEOMETRY, "features") if with_features else GEOMETRY
-    splats = {name: gather_rows(model.parameters[name], rows).requires_grad_(True) for name in names}
+    splats = {
+        name: gather_rows(model.parameters[name], rows, backend.uses_kernels).requires_grad_(True) for name in names
+    }
     nodes = model.nodes[rows.cpu().numpy()]
     means, quats = backend.place_gaussians(splats["means"], splats["quats"], nodes, poses.rotations, poses.shifts)
     for tensor in (means, quats):
@@ -73,7 +75,7 @@ def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float
 
 def find_rows_of_view(model: SceneModel, backend: Backend, poses: NodePoses, camera: Camera) -> Int64[Tensor, " v"]:
     """Find the rows that may be seen; on a GPU, which culls faster than rows are gathered, all of actors that exist."""
-    if backend.device.type != "cpu":
+    if not backend.uses_kernels:
         return torch.from_numpy(np.flatnonzero(poses.present[model.nodes])).to(backend.device)
     means, log_scales, logits = (
         model.parameters[name].detach().numpy() for name in ("means", "log_scales", "opacity_logits")

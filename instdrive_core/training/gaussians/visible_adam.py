@@ -36,11 +36,13 @@ class VisibleAdam:
         rates: dict[str, float],
         betas: tuple[float, float] = (0.9, 0.999),
         eps: float = 1e-15,
+        by_kernels: bool = True,
     ) -> None:
         """
         Args:
             parameters: float32 leaf tensors (n, …), contiguous, all on one device; written in place.
             rates: the learning rate of each; may be changed between steps.
+            by_kernels: on Numba's kernels, for parameters on the CPU; else in plain torch, on any device.
 
         Raises:
             ValueError: for a parameter without a rate, of another length, or of another layout.
@@ -55,7 +57,7 @@ class VisibleAdam:
                 raise ValueError(f"{name} must be contiguous float32, got {value.dtype} with strides {value.stride()}")
         self.parameters = dict(parameters)
         self.rates = dict(rates)
-        self.betas, self.eps = betas, eps
+        self.betas, self.eps, self.by_kernels = betas, eps, by_kernels
         self.first = {name: torch.zeros_like(value, requires_grad=False) for name, value in parameters.items()}
         """Running mean of the gradients, by name."""
         self.second = {name: torch.zeros_like(value, requires_grad=False) for name, value in parameters.items()}
@@ -80,7 +82,7 @@ class VisibleAdam:
         used = {name: g for name, g in gradients.items() if g is not None and g.numel()}
         if not used:
             return
-        if self.steps.device.type == "cpu":
+        if self.by_kernels:
             self._step_by_kernels(rows, used, visible)
         else:
             self._step_by_indexing(rows, used, visible)
@@ -127,7 +129,7 @@ class VisibleAdam:
         """
         device = self.steps.device
         old, born = torch.as_tensor(parents, device=device), torch.as_tensor(fresh, device=device)
-        result = VisibleAdam(parameters, self.rates, self.betas, self.eps)
+        result = VisibleAdam(parameters, self.rates, self.betas, self.eps, self.by_kernels)
         for theirs, mine in ((result.first, self.first), (result.second, self.second)):
             for name, moments in mine.items():
                 theirs[name] = moments[old]

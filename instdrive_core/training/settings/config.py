@@ -196,7 +196,7 @@ class TrainConfig:
     freeze_geometry: bool = False
     """Learn instances only, on the Gaussians that the run starts from."""
     checkpoint_every: int = 500
-    """Steps between checkpoints."""
+    """Steps between points where the run is saved, if enough time has passed (`training.checkpoint_pace`)."""
     report_every: int = 10
     """Steps between two progress events."""
 

@@ -45,6 +45,8 @@ class CheckpointDue:
 
     stage: Stage
     iteration: int
+    ends_stage: bool = False
+    """Nothing of the stage is left: this one is kept however soon it comes after another."""
 
 
 @dataclass(frozen=True)

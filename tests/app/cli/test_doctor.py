@@ -108,3 +108,10 @@ def test_a_torch_that_does_not_load_is_no_failure_of_the_editor(monkeypatch, tmp
     text = doctor_command._describe_cuda()
     assert "torch cannot be loaded" in text
     assert "the editor does not" in text
+
+
+def test_the_row_of_the_gpu_table_is_named():
+    """Whichever row it is: the line on CUDA has it, with or without a GPU."""
+    from instdrive_core.training.backends.device import describe_cuda_row
+
+    assert describe_cuda_row() in doctor_command._describe_cuda()

@@ -6,6 +6,7 @@ import importlib.machinery
 import subprocess
 import sys
 import types
+from pathlib import Path
 
 import pytest
 import torch
@@ -13,7 +14,7 @@ from torch_splatting import TorchSplatting, backend_of
 
 from instdrive_core.errors import OptionError
 from instdrive_core.training.backends import device
-from instdrive_core.training.backends.device import choose_backend, explain_missing_cuda
+from instdrive_core.training.backends.device import choose_backend, describe_cuda_row, explain_missing_cuda
 
 
 @pytest.fixture
@@ -54,11 +55,19 @@ def with_gsplat_that_cannot_be_imported(machine: pytest.MonkeyPatch) -> None:
     machine.setattr(importlib, "import_module", fails)
 
 
+def with_gsplat_that_does_not_compile(machine: pytest.MonkeyPatch) -> None:
+    machine.setattr(torch.version, "cuda", "13.0")
+
+
 LACKS = [
     (without_cuda_in_torch, r"torch \S+ was built without CUDA.*pip install --force-reinstall torch --index-url"),
     (without_gpu, r"finds no usable NVIDIA GPU.*nvidia-smi.*CUDA 12\.8.*CUDA_VISIBLE_DEVICES"),
     (without_gsplat, r"gsplat is not installed.*pip install 'gsplat>=1\.5\.3'"),
     (with_old_gsplat, r"gsplat 1\.4\.0\+pt24cu124 is too old.*pip install --upgrade 'gsplat>=1\.5\.3'"),
+    (
+        with_gsplat_that_does_not_compile,
+        r"gsplat 1\.5\.3 does not compile with CUDA 13.*\(CUDA 13\.0\).*whl/cu128.*1\.6",
+    ),
     (with_gsplat_that_cannot_be_imported, r"cannot be imported \(libcudart.*pip install --force-reinstall 'gsplat"),
 ]
 
@@ -74,6 +83,26 @@ def test_a_machine_with_everything_trains_on_the_gpu(machine: pytest.MonkeyPatch
 def test_newer_versions_are_taken(machine: pytest.MonkeyPatch, version: str) -> None:
     machine.setattr(sys.modules["gsplat"], "__version__", version)
     assert explain_missing_cuda() is None
+
+
+@pytest.mark.parametrize(
+    ("cuda", "gsplat", "is_taken"),
+    [("12.8", "1.5.3", True), ("12.8", "1.6.0", True), ("13.0", "1.5.3+pt29cu130", False), ("13.2", "1.6.0", True)],
+)
+def test_gsplat_is_held_against_the_cuda_of_torch(
+    machine: pytest.MonkeyPatch, cuda: str, gsplat: str, is_taken: bool
+) -> None:
+    machine.setattr(torch.version, "cuda", cuda)
+    machine.setattr(sys.modules["gsplat"], "__version__", gsplat)
+    assert (explain_missing_cuda() is None) == is_taken
+
+
+@pytest.mark.parametrize("cuda", [None, "11.8", "12.4", "12.8", "13.0", "14.1"])
+def test_the_row_that_doctor_names_is_in_the_table(machine: pytest.MonkeyPatch, cuda: str | None) -> None:
+    machine.setattr(torch.version, "cuda", cuda)
+    torch_of_row, gsplat_of_row = describe_cuda_row().split(": ")
+    page = (Path(__file__).parents[3] / "docs" / "gpu.md").read_text(encoding="utf-8")
+    assert any(line.startswith(f"| {torch_of_row} |") and gsplat_of_row in line for line in page.splitlines())
 
 
 @pytest.mark.parametrize(("lack", "message"), LACKS, ids=[lack.__name__ for lack, _ in LACKS])

@@ -210,3 +210,12 @@ def test_a_views_graph_is_freed_with_its_picture(with_backward: bool) -> None:
         assert projections[0]() is None
     finally:
         gc.enable()
+
+
+@pytest.mark.parametrize(("kind", "largest"), [("like 1.5", 0.999), ("like 1.6", 0.99)])
+def test_the_stand_in_clips_alpha_as_its_version_does(kind: str, largest: float) -> None:
+    """docs/gpu.md names the limits; nothing else may depend on them."""
+    on_axis = Camera(40.0, 40.0, 8.5, 8.5, 17, 17, np.eye(4))
+    rows = ([[0.0, 0.0, 4.0]], [[1.0, 0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [12.0], [[1.0]])
+    _, _, alpha = backend_of(kind).rasterize(*(torch.tensor(row) for row in rows), on_axis, 1)
+    assert float(alpha[8, 8]) == pytest.approx(largest, abs=1e-5)
