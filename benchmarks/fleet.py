@@ -90,8 +90,9 @@ def measure_fleet(options: Options, folder: Path) -> dict[str, Any]:
     """Record the clips in a folder, train them and kill a worker. Raises FleetFailedError where none was killed."""
     names = [f"clip-{number}" for number in range(options.clips)]
     for number, name in enumerate(names):
-        size = {"width": options.width, "height": options.width * 9 // 16}
-        write_street(folder / name, StreetConfig(seed=number, steps=options.steps, lidar_azimuths=200, **size))
+        size = (options.width, options.width * 9 // 16)
+        street = StreetConfig(number, options.steps, *size, lidar_azimuths=200)
+        write_street(folder / name, street)
     runs, output = folder / "runs", folder / "output.txt"
     command = [sys.executable, "-m", "instdrive_app.main", "fleet", *(str(folder / name) for name in names)]
     command += ["-o", str(runs), "--iterations", str(options.iterations), "--cpus-per-clip", str(options.cpus_per_clip)]

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from instdrive_core.errors import OptionError
 from instdrive_core.fleet.clip_work import ClipOutcome, ClipTask, work_on_clip
+from instdrive_core.fleet.reaper import start_reaper
 
 _STORE_BYTES = 80 * 2**20
 """Ray's object store of a local fleet: nothing but tasks and outcomes goes through it."""
@@ -49,7 +53,8 @@ class RayPool:
     """Workers on Ray."""
 
     def __init__(self, ray: Any, options: WorkerOptions) -> None:
-        self._ray, self._running = ray, {}
+        self._ray = ray
+        self._running: dict[Any, ClipTask] = {}
         threads = str(max(int(options.cpus), 1))
         # A process does one task, so that memory is given back and a killed one takes nothing with it.
         # Retries are the driver's, which keeps their reasons.
@@ -103,21 +108,47 @@ def open_ray_pool(options: WorkerOptions) -> Iterator[RayPool]:
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "1")  # a clip without a GPU sees none
     import ray
 
-    local = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE_BYTES}
-    place = local if options.address is None else {"address": options.address}
+    local: dict[str, Any] = {
+        "num_cpus": os.cpu_count(),
+        "include_dashboard": False,
+        "object_store_memory": _STORE_BYTES,
+    }
+    place: dict[str, Any] = local if options.address is None else {"address": options.address}
     if options.address is None:
         os.environ.pop("RAY_ADDRESS", None)
     try:
-        ray.init(**place, log_to_driver=False, logging_level="ERROR")
+        ray.init(**place, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, RuntimeError, ValueError) as error:
         where = "on this machine" if options.address is None else f"at {options.address}"
         raise OptionError(f"Ray cannot be started {where}: {error}") from error
+    reaper = start_reaper() if options.address is None else None
     try:
-        _check_room(ray, options)
-        yield RayPool(ray, options)
+        with _interrupted_by_sigterm():
+            _check_room(ray, options)
+            yield RayPool(ray, options)
     finally:
         with contextlib.suppress(KeyboardInterrupt):
             ray.shutdown()
+        if reaper is not None and reaper.stdin is not None:
+            reaper.stdin.close()
+            reaper.wait()
+
+
+@contextmanager
+def _interrupted_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM stop the driver as Ctrl+C does; Ray's own handler prints a stack and ends it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(kind: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _check_room(ray: Any, options: WorkerOptions) -> None:
