@@ -53,6 +53,9 @@ def train_fleet(
         checkpoint_every: Training steps between checkpoints: what a killed worker repeats at most.
         scratch: Folder on each worker's machine for clips and runs that have an address.
     """
+    for package in ("ray", "fsspec", "torch"):
+        if find_spec(package) is None:  # told before anything is written
+            raise ModuleNotFoundError(name=package)
     from platformdirs import user_cache_path
 
     from instdrive_core.fleet.driver import FleetDriver, FleetOrder
@@ -62,9 +65,6 @@ def train_fleet(
     from instdrive_core.fleet.plan import ClipWishes, plan_fleet
     from instdrive_core.fleet.workers import WorkerOptions, open_ray_pool
 
-    for package in ("ray", "fsspec", "torch"):
-        if find_spec(package) is None:  # told before anything is written
-            raise ModuleNotFoundError(name=package)
     _check("minutes", minutes, 0 < minutes < 100_000, "more than 0")
     _check("iterations", iterations, iterations is None or iterations >= 1, "1 or more")
     _check("retries", retries, 0 <= retries <= 100, "0 to 100")
