@@ -61,7 +61,8 @@ class FleetDriver:
         """
         order = self.order
         self.records = {record.clip.name: record for record in read_records(order.place, order.clips)}
-        for record in list(self.records.values()):
+        for clip in order.clips:
+            record = self.records[clip.name]
             if is_clip_finished(order.place, record.clip, order.wishes):
                 self._change(replace(record, status="done"))
             else:
@@ -77,7 +78,7 @@ class FleetDriver:
             self._stop()
             raise
         self._show("done")
-        return tuple(self.records.values())
+        return tuple(self.records[clip.name] for clip in order.clips)
 
     def _submit(self, clip: FleetClip) -> None:
         order, token = self.order, uuid.uuid4().hex

@@ -46,7 +46,9 @@ class ClipRecord:
 
 
 def read_records(place: FleetPlace, clips: Sequence[FleetClip]) -> tuple[ClipRecord, ...]:
-    """Read what earlier drivers knew of these clips; every one waits. Clips that they knew besides are not returned.
+    """Read what earlier drivers knew of these clips; every one waits.
+
+    Clips that they knew besides follow, with the status that they had; what was still to be done there is stopped.
 
     Raises DataError where the file is damaged, or where a run of the same name is another clip's.
     """
@@ -62,12 +64,19 @@ def read_records(place: FleetPlace, clips: Sequence[FleetClip]) -> tuple[ClipRec
             if entry["source"] != clip.source:
                 problem = f"the run {clip.name!r} is of the clip {entry['source']}, not of {clip.source}"
                 raise DataError(file, problem, "Choose another --out")
-            attempts = tuple(FleetAttempt(float(each["at"]), str(each["problem"])) for each in entry["attempts"])
-            records.append(ClipRecord(clip, "waiting", attempts))
+            records.append(ClipRecord(clip, "waiting", _parse_attempts(entry)))
+        for name in sorted(known.keys() - {clip.name for clip in clips}):
+            status = known[name]["status"] if known[name]["status"] in ("done", "failed") else "stopped"
+            other = FleetClip(str(name), str(known[name]["source"]))
+            records.append(ClipRecord(other, status, _parse_attempts(known[name])))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         problem = f"is damaged ({type(error).__name__}: {error})"
         raise DataError(file, problem, "Delete it: finished runs are found again by themselves") from error
     return tuple(records)
+
+
+def _parse_attempts(entry: Mapping[str, Any]) -> tuple[FleetAttempt, ...]:
+    return tuple(FleetAttempt(float(each["at"]), str(each["problem"])) for each in entry["attempts"])
 
 
 def write_records(

@@ -78,6 +78,15 @@ def test_what_is_finished_is_not_done_again_unless_a_recording_is_wanted(order, 
     assert pool.submitted == ["a", "b"]
 
 
+def test_clips_of_earlier_calls_stay_on_the_page(order, tmp_path):
+    FleetDriver(order, ScriptedPool({"a": [DONE], "b": [BAD]})).run()
+    (record,) = FleetDriver(replace(order, clips=order.clips[:1]), ScriptedPool({"a": [DONE]})).run()
+    assert record.clip.name == "a"
+    known = {clip["name"]: clip for clip in json.loads((tmp_path / "fleet.json").read_text())["clips"]}
+    assert (known["b"]["status"], known["b"]["problem"]) == ("failed", "no data set")
+    assert "s3://x/b" in (tmp_path / "index.html").read_text()
+
+
 def test_a_driver_that_is_stopped_lets_its_workers_stop(order, tmp_path):
     pool = ScriptedPool({"a": [KeyboardInterrupt()], "b": []})
     driver = FleetDriver(order, pool)
