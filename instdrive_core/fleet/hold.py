@@ -15,6 +15,8 @@ from instdrive_core.fleet.place import FleetPlace
 LOCK = "fleet.lock"
 LEASE_SECONDS = 120.0
 """Time after which an address whose driver was killed is free again."""
+RENEW_SECONDS = LEASE_SECONDS / 4
+"""Time between two renewals."""
 
 
 class FleetHold:
@@ -35,11 +37,11 @@ class FleetHold:
         self.renew()
 
     def renew(self) -> None:
-        """Say that this process still works; at an address every fourth of `LEASE_SECONDS`.
+        """Say that this process still works; at an address every `RENEW_SECONDS`.
 
         Raises OptionError where another driver took the place meanwhile.
         """
-        if self._lock is not None or time.monotonic() - self._renewed < LEASE_SECONDS / 4:
+        if self._lock is not None or time.monotonic() - self._renewed < RENEW_SECONDS:
             return
         if self._read_seconds_left() > 0:
             raise OptionError(f"{self._place.root}: another `instdrive fleet` has taken over.")
@@ -50,7 +52,7 @@ class FleetHold:
         """Let others work here."""
         if self._lock is not None:
             self._lock.release()
-        else:
+        elif self._read_seconds_left() <= 0:  # else another one has taken over
             self._write(0.0)
 
     def _write(self, moment: float) -> None:

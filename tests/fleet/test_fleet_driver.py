@@ -1,6 +1,7 @@
 """The driver with workers that end as the tests say: retries, resume, stops, the page, and who may drive."""
 
 import json
+import time
 from dataclasses import replace
 
 import pytest
@@ -129,3 +130,15 @@ def test_two_drivers_refuse_each_other(kind, tmp_path):
         pass
     with hold_place(place) as hold:  # free again
         hold.renew()
+
+
+def test_a_driver_whose_address_was_taken_over_stops_and_leaves_it(tmp_path, monkeypatch):
+    pytest.importorskip("fsspec")
+    monkeypatch.setattr("instdrive_core.fleet.hold.RENEW_SECONDS", 0.0)
+    place = open_place(f"memory://{tmp_path.name}")
+    other = json.dumps({"holder": "another", "at": time.time()}).encode()
+    with hold_place(place) as hold:
+        place.write("fleet.lock", other)
+        with pytest.raises(OptionError, match="has taken over"):
+            hold.renew()
+    assert place.read("fleet.lock") == other
