@@ -109,6 +109,7 @@ def open_ray_pool(options: WorkerOptions) -> Iterator[RayPool]:
     import ray
 
     local: dict[str, Any] = {
+        "address": "local",  # else Ray would join a cluster that this machine belongs to
         "num_cpus": os.cpu_count(),
         "include_dashboard": False,
         "object_store_memory": _STORE_BYTES,
@@ -120,7 +121,8 @@ def open_ray_pool(options: WorkerOptions) -> Iterator[RayPool]:
         ray.init(**place, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, RuntimeError, ValueError) as error:
         where = "on this machine" if options.address is None else f"at {options.address}"
-        raise OptionError(f"Ray cannot be started {where}: {error}") from error
+        token = "" if options.address is None else ". Check the address, and that RAY_AUTH_TOKEN is the cluster's"
+        raise OptionError(f"Ray cannot be started {where}: {error}{token}") from error
     reaper = start_reaper() if options.address is None else None
     try:
         with _interrupted_by_sigterm():
