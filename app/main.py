@@ -43,6 +43,10 @@ COMMANDS = {
         "instdrive_core.cli.make:make_scene",
         "Make a scene of photos, a video or a drive: poses, masks, training and evaluation in one go.",
     ),
+    "fleet": CliCommand(
+        "instdrive_core.cli.fleets.fleet:train_fleet",
+        "Make measured scenes of many clips side by side: masks, tracks, training, evaluation, recording.",
+    ),
     "train": CliCommand("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
     "eval": CliCommand("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
     "compare": CliCommand("instdrive_core.cli.compare:compare", "Put measured runs side by side."),

@@ -104,6 +104,7 @@ def test_extras_are_those_of_the_project():
         IMPORT_NAMES.get(requirement.name, requirement.name): extra
         for extra in (
             "capture",
+            "fleet",
             "train",
             "cuda",
             "sam",
@@ -161,6 +162,7 @@ def test_runs_are_measured_without_extras(plain, module):
         (["synth", "new"], "train"),
         (["demo", "--out", "demo"], "train"),
         (["train", "CLIP", "-o", "run"], "train"),
+        (["fleet", "CLIP", "-o", "runs"], "fleet"),
         (["masks", "CLIP", "--source", "lidar"], "train"),
         (["masks", "CLIP", "--source", "import", "--from", "CLIP"], "train"),
         (["masks", "CLIP", "--source", "sam"], "sam"),

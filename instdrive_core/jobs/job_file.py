@@ -36,6 +36,8 @@ class JobRequest:
     iterations: int | None = None
     """Training steps; None = as many as the minutes allow."""
     evaluate: bool = True
+    checkpoint_every: int | None = None
+    """Training steps between checkpoints; None = as usual."""
 
 
 @dataclass(frozen=True)

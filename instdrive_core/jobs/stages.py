@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from PIL import Image
@@ -115,6 +115,8 @@ def _train(desk: JobDesk) -> None:
     if (desk.run / FACTS).is_file():
         return
     config = build_paced_config(_open_clip(desk), iterations)
+    if desk.state.request.checkpoint_every is not None:
+        config = replace(config, checkpoint_every=desk.state.request.checkpoint_every)
     masks = desk.run / "masks"
     request = RunRequest(
         locate_clip(desk),
