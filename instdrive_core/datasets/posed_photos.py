@@ -32,6 +32,8 @@ STEP_SECONDS = 0.1
 """Assumed between photos, as the files have no times."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000
 """Bytes of one file's name, characters of a path: file systems know no longer ones."""
+_FARTHEST_POINT = 1e30
+"""Metres in the upright world: float32 ends soon after."""
 _CAMERA_COUNTS = {"1": 1, "3": 3, "6": None}
 
 
@@ -125,6 +127,12 @@ def build_photo_clip(
     ]
     scale = options.scale or min(1.0, DEFAULT_WIDTH / chosen[0][1].camera.width)
     coverage = _build_coverage_cache()
+    placed = world.transform_points(points.points) - origin
+    if not (np.abs(placed) < _FARTHEST_POINT).all():
+        far = (
+            f"points lie up to {np.abs(points.points).max():.3g} from the origin, out of all proportion to the cameras"
+        )
+        raise DataError(listing, far, "Check the points and the cameras' positions, then export both again")
     return Clip(
         path=str(root),
         name=root.resolve().name,
@@ -134,7 +142,7 @@ def build_photo_clip(
         tracks=(),
         class_names={},
         camera_names=tuple(dict.fromkeys(get_camera_name(photo) for _, photo in chosen)),
-        points=SparsePoints((world.transform_points(points.points) - origin).astype(np.float32), points.colors),
+        points=SparsePoints(placed.astype(np.float32), points.colors),
         notes=(*missing, *notes, *world.notes, describe_start(len(points.points))),
         world_from_file=np.c_[world.scale * world.rotation, np.zeros(3)],
     )

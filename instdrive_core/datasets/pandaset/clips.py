@@ -209,7 +209,7 @@ def _parse_pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
         require_number(file, require_field(file, heading, key, f"[{index}].heading."), f"[{index}].heading.{key}")
         for key in "wxyz"
     ]
-    if np.linalg.norm(quat) < 1e-6:
+    if not 1e-6 < np.abs(quat).max() < 1e6:
         raise DataError(file, f"[{index}].heading is no rotation: {quat}", "Get the file again")
     pose = np.eye(4)
     pose[:3, :3] = matrix_from_quaternion(np.array(quat))

@@ -276,9 +276,13 @@ def test_a_damaged_pose_is_named_with_its_place(root):
     edit_json(root / FRONT / "poses.json", lambda poses: poses[5]["heading"].pop("w"))
     with pytest.raises(DataError, match=r"poses\.json: the field '\[5\]\.heading\.w' is missing"):
         load(root)
-    edit_json(root / FRONT / "poses.json", lambda poses: poses[5].update(heading=dict.fromkeys("wxyz", 0)))
-    with pytest.raises(DataError, match=r"\[5\]\.heading is no rotation"):
-        load(root)
+    for value in (0, 1e200):
+        edit_json(
+            root / FRONT / "poses.json",
+            lambda poses, value=value: poses[5].update(heading=dict.fromkeys("wxyz", value)),
+        )
+        with pytest.raises(DataError, match=r"\[5\]\.heading is no rotation"):
+            load(root)
 
 
 def test_a_photo_of_another_size_is_refused_when_read(root):
