@@ -129,9 +129,7 @@ def build_photo_clip(
     coverage = _build_coverage_cache()
     placed = world.transform_points(points.points) - origin
     if not (np.abs(placed) < _FARTHEST_POINT).all():
-        far = (
-            f"points lie up to {np.abs(points.points).max():.3g} from the origin, out of all proportion to the cameras"
-        )
+        far = f"points and cameras tell no believable scale: all would be made {world.scale:.3g} times as large"
         raise DataError(listing, far, "Check the points and the cameras' positions, then export both again")
     return Clip(
         path=str(root),
