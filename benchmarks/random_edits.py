@@ -21,7 +21,7 @@ _STILL_DELETED = 0.05
 """Share of draws that may delete all the same."""
 ROOM, SPLATS_PER_EDIT = 600, 0.3
 """By so many splats the document may grow, at once and with each edit of its history."""
-_ADDING = ("duplicate_instances", "insert_scene", "fill_hole", "start_driving")
+_ADDING = ("duplicate_instances", "lay_shadow", "insert_scene", "fill_hole", "start_driving")
 _DELETING = ("delete_instances", "delete_selected", "delete_rows")
 _MODES = ("replace", "add", "remove")
 _CLASSES = ("", "Car", "Bus", "Vegetation")
@@ -97,6 +97,7 @@ class RandomEdits:
             "hide_rows": lambda: {"rows": self._runs(scattered=0), "hidden": pick((True, False))},
             "insert_scene": lambda: {"path": self._inserted, "translation": self._shift()},
             "invert_selection": dict,
+            "lay_shadow": self._shadow,
             "lock_instances": lambda: {"ids": ids(), "locked": pick((True, False, False))},
             "merge_instances": lambda: {"ids": (chosen := ids()), "into": pick(chosen)},
             "move_instances": self._move,
@@ -170,6 +171,10 @@ class RandomEdits:
         scale = self._float(0.8, 1.25) if self._rng.random() < 0.3 else 1.0
         numbers = {"translation": self._shift(), "rotation": rotation, "scale": scale, "time": self._float(0, 0.5)}
         return {"ids": self._ids(), **numbers, **switches}
+
+    def _shadow(self) -> dict[str, Any]:
+        light = {"contact": self._float(0, 0.8), "sun_share": self._pick((0.0, 0.5)), "softness": self._float(0.1, 0.5)}
+        return {"id": self._one(), "sun": self._shift()[:2], "time": self._float(0, 0.5), **light}
 
     def _turn(self) -> dict[str, Any]:
         """Mostly quarter turns; scales that do not grow or shrink the scene out of all bounds."""

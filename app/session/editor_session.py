@@ -23,6 +23,7 @@ from instdrive_app.session.files.opening import OpenedDocument
 from instdrive_app.session.history_controller import HistoryController
 from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
+from instdrive_app.session.light.shadow_controller import ShadowController
 from instdrive_app.session.making.drive_recorder import DriveRecorder
 from instdrive_app.session.making.job_controller import JobController
 from instdrive_app.session.making.run_comparison import RunComparison
@@ -81,6 +82,7 @@ class EditorSession:
         self.colors = ColorController(context)
         self.labels = LabelController(context)
         self.movement = MoveController(context)
+        self.shadows = ShadowController(context, self.movement.options)
         self.deletion = DeletionController(context)
         self.orientation = TurnController(context, self.navigation, self._follow_turn)
         self.insertion = InsertController(context, self.movement, self.orientation.ask_about_inserted)
@@ -174,6 +176,7 @@ class EditorSession:
         self._deferred_bounds.tick()
         self.navigation.tick(seconds)
         self.camera_path.tick(seconds)
+        self.shadows.tick(seconds, self.movement.drag is not None)
         self.deletion.review.tick(seconds, self.movement.drag is not None)
         self.state.is_solo = bool(self.visibility.solo.ids)
         self.state.safe_colors = self.preferences.current.safe_colors

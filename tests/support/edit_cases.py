@@ -66,6 +66,7 @@ EXAMPLES = {
     "hide_rows": {"rows": [[3, 2], [9, 4]]},
     "insert_scene": {"path": "other.ply", "translation": [1.0, 0.0, 0.0]},
     "invert_selection": {},
+    "lay_shadow": {"id": CAR, "contact": 0.5, "sun": [0.5, 0.2], "sun_share": 0.4},
     "lock_instances": {"ids": [TAXI]},
     "merge_instances": {"ids": [PAIR], "into": CAR},
     "move_instances": {"ids": [CAR, TAXI], "translation": [1.0, 0.0, 0.0], "scale": 1.5, "time": 0.1},
