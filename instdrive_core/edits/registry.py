@@ -36,6 +36,7 @@ from instdrive_core.edits.kinds.select import (
     SelectNone,
 )
 from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.kinds.shape.complete import CompleteInstance
 from instdrive_core.edits.kinds.solo import SoloInstances
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.edits.kinds.turn_scene import TurnScene
@@ -75,6 +76,7 @@ EDIT_KINDS: dict[str, EditKind] = {
     for kind in (
         EditKind(AbsorbFloaters, "ICON_FA_BROOM"),
         EditKind(AdjustInstances, "ICON_FA_SLIDERS", is_old=True),
+        EditKind(CompleteInstance, "ICON_FA_CLONE"),
         EditKind(CompoundEdit, "ICON_FA_LAYER_GROUP", nested="edits"),
         EditKind(DeleteInstances, "ICON_FA_TRASH"),
         EditKind(DeleteRows, "ICON_FA_TRASH"),

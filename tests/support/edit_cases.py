@@ -48,6 +48,7 @@ def rich_document() -> Document:
 EXAMPLES = {
     "absorb_floaters": {"id": CAR},
     "adjust_instances": {"ids": [CAR], "what": "brightness", "amount": 1.5},
+    "complete_instance": {"id": CAR, "place": [0.0, 2.0], "heading": 0.1, "side": -1},
     "compound": {"edits": [{"kind": "select_none"}, {"kind": "show_all"}], "name": "two at once"},
     "delete_instances": {"ids": [PAIR, TAXI]},
     "delete_rows": {"rows": [[3, 2], [9, 4]]},

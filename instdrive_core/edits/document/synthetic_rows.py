@@ -10,9 +10,11 @@ from instdrive_core.edits.document.document import Document
 
 SYNTHETIC = "synthetic"
 """Name of the per-splat column that is above 0 for splats no photo was the reason for: 1 for those that fill holes,
-`SHADOW` for shadows. Also the class of what fills holes."""
+`SHADOW` for shadows, `MIRRORED` for sides that were mirrored. Also the class of what fills holes."""
 SHADOW = 2
 """Value of that column for the splats of a shadow that was laid below a thing."""
+MIRRORED = 3
+"""Value of that column for the splats of a side that nobody saw, mirrored from the other one."""
 
 
 def find_shadow(document: Document, rows: Int64[ndarray, " n"]) -> Bool[ndarray, " n"]:

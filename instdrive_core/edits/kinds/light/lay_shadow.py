@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.append import Addition, AppendEdit
-from instdrive_core.edits.bases.flags import FlagChange
-from instdrive_core.edits.bases.parameters import Vector, check_number, check_number_list, is_whole
-from instdrive_core.edits.bases.relabel import restore_entries
+from instdrive_core.edits.bases.append import Addition
+from instdrive_core.edits.bases.growth import GrowInstance, find_main_entry, find_shown_body
+from instdrive_core.edits.bases.parameters import check_number, check_number_list, is_whole
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SHADOW, SYNTHETIC, find_shadow
 from instdrive_core.edits.holes.shade import (
@@ -45,14 +44,13 @@ _MAX_SUN = 10.0
 
 
 @dataclass
-class LayShadow(AppendEdit):
+class LayShadow(GrowInstance):
     """Dark, flat splats of the same instance on the ground below it; they move, hide and go with it.
 
     A shadow that was laid for it before is replaced. Splats are marked by 2 in the column `synthetic`.
     """
 
     kind: ClassVar[str] = "lay_shadow"
-    id: int
     contact: float = 0.6
     """Share of the light that does not reach the ground below it, 0 … 0.85."""
     sun: tuple[float, float] = (0.0, 0.0)
@@ -63,9 +61,6 @@ class LayShadow(AppendEdit):
     """Standard deviation of the edge, metres."""
     time: float = 0.0
     """Moment at which a moving thing is where the shadow is laid, seconds."""
-    _entry_before: Instance | None = field(default=None, init=False, repr=False, compare=False)
-    _flags_done: FlagChange | None = field(default=None, init=False, repr=False, compare=False)
-    _new_column: bool = field(default=False, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not is_whole(self.id) or self.id < 1:
@@ -88,43 +83,15 @@ class LayShadow(AppendEdit):
         """``Lay shadow of instance 17``."""
         return f"Lay shadow of instance {self.id}"
 
-    @property
-    def shift(self) -> Vector:
-        """No shift: the shadow is laid where the thing is."""
-        return (0.0, 0.0, 0.0)
-
-    def do(self, document: Document) -> bool:
-        """Add the dark splats, then delete those of a shadow that was laid before."""
-        if self.id not in document.scene.table:
-            raise EditError(f"there is no instance {self.id}")
-        self._entry_before = document.scene.table[self.id]
-        before = find_shadow_rows(document, self.id)
-        self._new_column = SYNTHETIC not in document.scene.extra
-        if self._new_column:
-            document.scene.extra[SYNTHETIC] = np.zeros(len(document.scene), np.uint8)
-        try:
-            super().do(document)
-        except Exception:
-            self._drop_column(document)
-            raise
-        self._select_like_body(document)
-        changed = document.state.change(before, Flag.DELETED, True)
-        self._flags_done = FlagChange(changed.astype(np.int32), Flag.DELETED, True)
-        return True
-
-    def undo(self, document: Document) -> None:
-        """Take the shadow away, and bring the former one back."""
-        assert self._flags_done is not None
-        assert self._entry_before is not None
-        document.state.change(self._flags_done.rows, Flag.DELETED, False)
-        super().undo(document)
-        restore_entries(document, {self.id: self._entry_before})
-        self._drop_column(document)
+    def find_replaced(self, document: Document) -> Int64[ndarray, " k"]:
+        """The shadow that was laid before."""
+        return find_shadow_rows(document, self.id)
 
     def build_addition(self, document: Document) -> Addition:
         """The dark splats, in the frame of the thing's node. Raises EditError where it does not stand on the ground."""
         entry = document.scene.table[self.id]
-        rows = self._find_body(document)
+        rows = find_shown_body(document, self.id)
+        rows = rows[find_solid(sigmoid(document.scene.gaussians.opacity_logits[rows]))]
         pose = self._find_pose(document, entry)
         points = document.compute_means(rows) @ pose[:3, :3].T + pose[:3, 3]
         size = np.quantile(points, 0.98, axis=0) - np.quantile(points, 0.02, axis=0)
@@ -138,7 +105,7 @@ class LayShadow(AppendEdit):
         shade = cast_shade(np.c_[points[:, :2], heights], light)
         if not len(shade.places):
             raise EditError(f"instance {self.id} is too large to cast a shadow of its own")
-        entry_number = self._find_transform(document, rows)
+        entry_number = find_main_entry(document, rows)
         move = document.transforms.matrices[entry_number]
         added = _build_splats(document.scene, shade, plane, _compose(pose, move), int(rows[0]))
         count = len(added)
@@ -149,21 +116,6 @@ class LayShadow(AppendEdit):
         part = Scene(added, ids, words, nodes, actors=document.scene.actors, extra=extra)
         moved = np.full(count, entry_number, np.uint16)
         return Addition(part, np.zeros(count, np.uint16), moved, (entry,))
-
-    def _find_body(self, document: Document) -> Int64[ndarray, " k"]:
-        """Solid rows of the thing that are there, without a shadow."""
-        rows = document.find_rows((self.id,))
-        alive = (document.state.flags[rows] & (Flag.DELETED | Flag.HIDDEN)) == 0
-        alive &= document.scene.nodes[rows] == document.scene.table[self.id].node
-        alive &= ~find_shadow(document, rows)
-        rows = rows[alive]
-        if not len(rows):
-            raise EditError(f"nothing is left of instance {self.id}")
-        return rows[find_solid(sigmoid(document.scene.gaussians.opacity_logits[rows]))]
-
-    def _find_transform(self, document: Document, rows: Int64[ndarray, " k"]) -> int:
-        """The move that most of the thing has: the shadow goes back with it where that is reset."""
-        return int(np.bincount(document.transforms.indices[rows]).argmax())
 
     def _find_pose(self, document: Document, entry: Instance) -> Float64[ndarray, "4 4"]:
         if not entry.node:
@@ -180,19 +132,6 @@ class LayShadow(AppendEdit):
         plane = np.linalg.lstsq(columns, heights, rcond=None)[0]
         steep = np.abs(columns @ plane - heights).max() > 0.1 or np.hypot(*plane[1:]) > 0.3
         return np.array([np.median(heights), 0.0, 0.0]) if steep else plane
-
-    def _select_like_body(self, document: Document) -> None:
-        """Select what was added where the whole thing is selected: it still is then."""
-        added = np.arange(len(document.scene) - self._count, len(document.scene))
-        others = np.setdiff1d(document.find_rows((self.id,)), added)
-        flags = document.state.flags[others]
-        if (flags[(flags & Flag.DELETED) == 0] & Flag.SELECTED).all():
-            document.state.change(added, Flag.SELECTED, True)
-
-    def _drop_column(self, document: Document) -> None:
-        if self._new_column:
-            del document.scene.extra[SYNTHETIC]
-            self._new_column = False
 
 
 def find_shadow_rows(document: Document, number: int) -> Int64[ndarray, " k"]:
