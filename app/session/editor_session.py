@@ -32,6 +32,7 @@ from instdrive_app.session.navigation import Navigation
 from instdrive_app.session.reference_pictures import ReferencePictures
 from instdrive_app.session.requests import OfferCleanup, RequestQueue, do_nothing
 from instdrive_app.session.selection_controller import SelectionController
+from instdrive_app.session.shape.completion_controller import CompletionController
 from instdrive_app.session.showing.path_controller import PathController
 from instdrive_app.session.turn_controller import TurnController
 from instdrive_app.session.value_filter import ValueFilter
@@ -83,6 +84,7 @@ class EditorSession:
         self.labels = LabelController(context)
         self.movement = MoveController(context)
         self.shadows = ShadowController(context, self.movement.options)
+        self.completion = CompletionController(context)
         self.deletion = DeletionController(context)
         self.orientation = TurnController(context, self.navigation, self._follow_turn)
         self.insertion = InsertController(context, self.movement, self.orientation.ask_about_inserted)

@@ -1,7 +1,9 @@
-"""`instdrive apply --move … --no-shadows` and `--shadow`."""
+"""`instdrive apply --move … --no-shadows`, `--shadow` and `--complete`."""
 
 import numpy as np
 import pytest
+from half_seen_car import CAR as HALF
+from half_seen_car import half_seen_car
 from parked_street import CAR, OTHER_CAR, ROAD, parked_street
 
 from instdrive_app.main import main
@@ -56,3 +58,11 @@ def test_one_is_laid_on_request_or_refused(folder, tmp_path, capsys):
     assert main(["apply", str(folder), "--shadow", "99", "-o", str(tmp_path / "b.ply")]) == 2
     assert "99" in capsys.readouterr().err
     assert not (tmp_path / "b.ply").exists()
+
+
+def test_an_unseen_side_is_completed_or_refused(folder, tmp_path, capsys):
+    save_scene(tmp_path / "half", half_seen_car())
+    assert main(["apply", str(tmp_path / "half"), "--complete", str(HALF), "-o", str(tmp_path / "a.ply")]) == 0
+    assert (open_scene(tmp_path / "a.ply").extra["synthetic"] == 3).any()
+    assert main(["apply", str(folder), "--complete", str(CAR), "-o", str(tmp_path / "b.ply")]) == 2
+    assert "both sides of Car 7 were seen" in capsys.readouterr().err

@@ -23,7 +23,7 @@ _SHIFTS = np.arange(-0.35, 0.351, 0.025)
 _COLOR_WEIGHT = 3.0
 """Distances of splats that differ by 1 in a colour channel, in units of what is near."""
 _REACH = 1.5
-"""The same of a splat and its counterpart at most."""
+"""Such distance of a splat and its counterpart at most."""
 _LEAST = 30
 """Counterparts from which a plane can be settled."""
 _ROUNDS = 4
@@ -127,7 +127,7 @@ class _Search:
         mirrored = np.c_[plane.mirror(self._chosen[beside]) / self._near, self._colors[beside]]
         apart, places = self._tree.query(mirrored, distance_upper_bound=_REACH)
         matched = np.flatnonzero(np.isfinite(apart))
-        return np.c_[matched, places[matched]].astype(np.int64), beside
+        return np.c_[matched, np.asarray(places)[matched]].astype(np.int64), beside
 
 
 def find_seen_side(plane: Symmetry, points: Float64[ndarray, "n 3"]) -> int:
