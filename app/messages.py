@@ -7,14 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from instdrive_core.wording import Phrase, begin_sentence
+
 TOAST_SECONDS = {"info": 4.0, "error": 10.0}
 MAX_MESSAGES = 500
 
 
 def user_message(error: Exception) -> str:
     """Format an edit's error as a sentence; in programs it follows a colon."""
-    text = str(error)
-    return text[:1].upper() + text[1:]
+    said = error.args[0] if error.args and isinstance(error.args[0], Phrase) else str(error)
+    return begin_sentence(said)
 
 
 class Level(Enum):

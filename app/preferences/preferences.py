@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from instdrive_app.language.languages import CHOICES, SYSTEM
 from instdrive_app.preferences.key_presets import DEFAULT_PRESET, PRESETS, Keys, is_shortcut
 from instdrive_app.preferences.themes import DEFAULT_THEME, THEMES
 from instdrive_core.errors import DataError
@@ -29,6 +30,8 @@ class Preferences:
     """Whether the first steps were shown and closed."""
     preset: str = DEFAULT_PRESET
     """A name of `PRESETS`: the keys and mouse gestures."""
+    language: str = SYSTEM
+    """One of `CHOICES`: a language of the window, or that of the desktop."""
     keys: Keys = field(default_factory=dict)
     """The user's own keys, by IDs of actions."""
 
@@ -64,6 +67,7 @@ _FITS: dict[str, Callable[[Any], bool]] = {
     "safe_colors": lambda value: isinstance(value, bool),
     "knows_first_steps": lambda value: isinstance(value, bool),
     "preset": lambda value: isinstance(value, str) and value in PRESETS,
+    "language": lambda value: isinstance(value, str) and value in CHOICES,
     "keys": lambda value: value is not None,
 }
 """For each field, whether a stored value fits it."""

@@ -15,6 +15,8 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_app.actions import register_actions
+from instdrive_app.language.languages import ENGLISH, resolve_language
+from instdrive_app.language.translation import get_language, make_label, speak
 from instdrive_app.panels.dialogs import DialogHost
 from instdrive_app.panels.dialogs.registry import DIALOGS
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
@@ -53,6 +55,10 @@ class EditorWindow:
         self._wants_screenshot = False
         self._dialogs = DialogHost(DIALOGS)
         self._status, self._title, self._theme = StatusBar(), "", ""
+        self._labels = {record.title: make_label(record.title) for record in PANELS}
+        """Names of the docked windows, by the panels' titles."""
+        self._language = (session.preferences.current.language, self._options.language)
+        """What was chosen in Preferences when the window's language was last set, and the language asked for."""
         self._read_names: tuple[int, object] | None = None
         """Document and version of the table whose names were looked through."""
         self._told_letters: set[str] = set()
@@ -129,17 +135,35 @@ class EditorWindow:
         calls.before_exit = self._guard(self._stop)
         return parameters
 
+    def _show_language(self) -> None:
+        """Speak the language that the user prefers, from the frame on in which it is chosen."""
+        chosen = self._session.preferences.current.language
+        before, asked = self._language
+        code = asked if asked and chosen == before else resolve_language(chosen)
+        self._language = (chosen, asked if chosen == before else "")
+        if code != get_language():
+            speak(code)
+            self._name_windows()
+
+    def _name_windows(self) -> None:
+        """Write the panels' titles on their tabs; their IDs stay."""
+        docking = hello_imgui.get_runner_params().docking_params
+        for title, label in self._labels.items():
+            window = docking.dockable_window_of_name(label)
+            if window is not None:
+                window.label = self._labels[title] = make_label(title)
+
     def _create_dockable(self, record: PanelRecord) -> hello_imgui.DockableWindow:
         panel = record.create()
 
         def draw() -> None:
             panel.draw(self.ui)
 
-        window = hello_imgui.DockableWindow(record.title, record.place, self._guard(draw), record.shown)
+        window = hello_imgui.DockableWindow(self._labels[record.title], record.place, self._guard(draw), record.shown)
         window.can_be_closed = not record.shown
         if record.fills_window:
             window.call_begin_end = False
-            window.gui_function = self._guard(lambda: _draw_without_padding(record.title, draw))
+            window.gui_function = self._guard(lambda: _draw_without_padding(self._labels[record.title], draw))
         return window
 
     def _guard(self, call: Callable[[], None]) -> Callable[[], None]:
@@ -184,6 +208,7 @@ class EditorWindow:
 
     def _before_frame(self) -> None:
         self._show_theme()
+        self._show_language()
         self.ui.forget_marks()
         self.ui.textures.free_retired()
 
@@ -259,12 +284,13 @@ class EditorWindow:
 
     def _show_panel(self, name: str) -> None:
         docking = hello_imgui.get_runner_params().docking_params
-        window = docking.dockable_window_of_name(name)
+        label = self._labels.get(name, name)
+        window = docking.dockable_window_of_name(label)
         if window is None:
             _log.error("there is no panel %r to show", name)
             return
         window.is_visible = True
-        docking.focus_dockable_window(name)
+        docking.focus_dockable_window(label)
 
     def _before_swap(self) -> None:
         if self._wants_screenshot:
@@ -275,6 +301,7 @@ class EditorWindow:
             self._wants_screenshot = False
 
     def _stop(self) -> None:
+        speak(ENGLISH)  # as whatever else this process does
         self._session.wake_window = do_nothing
         if self._ui is not None:
             self._ui.view.release()

@@ -11,6 +11,7 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import run_or_explain
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import FONT_SIZE, Fonts, pack_color, rgba
 from instdrive_app.pointer import Tool
 from instdrive_app.preferences.instance_colors import paint_safe_colors
@@ -131,7 +132,7 @@ def draw_action_button(ui: Ui, command: Action, size: ImVec2 | None = None) -> N
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
         shortcut = f"  ({format_shortcut(command.shortcuts[0])})" if command.shortcuts else ""
-        imgui.set_tooltip(f"{command.title}{shortcut}")
+        imgui.set_tooltip(f"{translate(command.title)}{shortcut}")
 
 
 def begin_icon_submenu(symbol: str, title: str, enabled: bool = True) -> bool:
