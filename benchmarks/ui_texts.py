@@ -112,14 +112,13 @@ class _Reader(ast.NodeVisitor):
         name = _name_called(node)
         if name in UNREAD_CALLS:
             return
-        if name in ("phrase", "translate", "make_label") and _is_text(node.args[0]):
-            self._add(node.args[0].value, "", node)
+        if name in ("phrase", "translate", "make_label") and (text := _read_text(node.args[0])):
+            self._add(text, "", node)
             for part in (*node.args[1:], *(word.value for word in node.keywords)):
                 self.visit(part)
             return
         if name == "count_phrase":
-            one, many = node.args[1:3]
-            self._add(one.value, many.value, node)
+            self._add(_read_text(node.args[1]), _read_text(node.args[2]), node)
             for part in (node.args[0], *(word.value for word in node.keywords)):
                 self.visit(part)
             return
@@ -130,8 +129,8 @@ class _Reader(ast.NodeVisitor):
         for word in node.keywords:
             if word.arg == "words" and isinstance(word.value, ast.Tuple):
                 for part in word.value.elts:
-                    if _is_text(part):
-                        self._add(part.value, "", part)
+                    if word_text := _read_text(part):
+                        self._add(word_text, "", part)
             elif word.arg not in ("icon", "shortcuts", "id", "menu_id"):
                 self.visit(word.value)
         self.visit(node.func)
@@ -139,7 +138,7 @@ class _Reader(ast.NodeVisitor):
             self.visit(part)
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
-        written = "".join(part.value if isinstance(part, ast.Constant) else "0" for part in node.values)
+        written = "".join(_read_text(part) or "0" for part in node.values)
         if WORDS.search(written.split("##")[0]) and not NOT_TEXT.fullmatch(written):
             self.faults.append(f"{self._name}:{node.lineno}: write {ast.unparse(node)} as phrase(…) or translate(…)")
         for part in node.values:
@@ -152,14 +151,11 @@ class _Reader(ast.NodeVisitor):
             self._add(text, "", node)
 
     def _add_count(self, node: ast.Call) -> None:
-        nouns = node.args[1:]
-        if not all(_is_text(noun) for noun in nouns):
-            return  # a noun that is itself chosen stands as a literal elsewhere
-        one = nouns[0].value
-        many = nouns[1].value if len(nouns) > 1 else f"{one}s"
-        self._add(f"{{count:,}} {one}", f"{{count:,}} {many}", node)
+        one, *rest = (_read_text(noun) for noun in node.args[1:])
+        if one:  # else a noun that is itself chosen: its choices are counted elsewhere
+            self._add(f"{{count:,}} {one}", f"{{count:,}} {rest[0] if rest else f'{one}s'}", node)
 
-    def _add(self, text: str, plural: str, node: ast.AST) -> None:
+    def _add(self, text: str, plural: str, node: ast.expr) -> None:
         self.found.append(UiText(text, plural, f"{self._name}:{node.lineno}"))
 
 
@@ -168,5 +164,6 @@ def _name_called(node: ast.Call) -> str:
     return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
 
 
-def _is_text(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+def _read_text(node: ast.expr) -> str:
+    """The text of a literal; empty where it is none."""
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from instdrive_core.wording import Phrase, phrase
+
 
 class InstDriveError(Exception):
     """Base of all errors that are the user's to read: the command line prints them without a traceback."""
@@ -19,7 +21,8 @@ class DataError(InstDriveError):
     """
 
     def __init__(self, path: str | Path, problem: str, remedy: str) -> None:
-        super().__init__(f"{path}: {problem}. {remedy}")
+        said = phrase("{path}: {problem}. {remedy}", path=path, problem=phrase(problem), remedy=phrase(remedy))
+        super().__init__(said)
         self.path, self.problem, self.remedy = Path(path), problem, remedy
 
 
@@ -59,6 +62,12 @@ def format_ordinal(number: int) -> str:
     """Write an ordinal number: ``2nd``, ``3rd``, ``11th``."""
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"
+
+
+def say_ordinal(number: int) -> Phrase:
+    """The ordinal number as a phrase, since languages write it in different ways."""
+    form = {"th": "{number}th", "st": "{number}st", "nd": "{number}nd", "rd": "{number}rd"}
+    return phrase(form[format_ordinal(number)[-2:]], number=number)
 
 
 class UntrustedDataError(DataError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 
@@ -24,10 +24,12 @@ class Phrase(str):
 
 
 def phrase(template: str, /, **values: Any) -> Phrase:
-    """Fill in the named placeholders of a template, e.g. ``phrase("Saved {path}", path=path)``.
+    """Fill in the named placeholders of a template, e.g. ``phrase("Saved {path}", path=path)``; a phrase stays itself.
 
     Raises KeyError for a placeholder without a value.
     """
+    if isinstance(template, Phrase):
+        return template
     return _make_phrase(template.format(**values) if values else template, template, "", values)
 
 
@@ -45,6 +47,18 @@ def format_count(count: int, noun: str, plural: str = "") -> Phrase:
 def begin_sentence(text: str) -> Phrase:
     """Write the first letter of a text as a capital."""
     return _finish_phrase(text, _raise_first_letter)
+
+
+def chain_sentences(*sentences: str) -> Phrase:
+    """Write sentences one after the other, without the empty ones."""
+    parts = {f"part{number}": phrase(text) for number, text in enumerate(filter(None, sentences))}
+    return phrase(" ".join(f"{{{name}}}" for name in parts), **parts)
+
+
+def list_phrases(names: Sequence[str]) -> Phrase:
+    """Write names with commas between them."""
+    parts = {f"part{number}": name for number, name in enumerate(names)}
+    return phrase(", ".join(f"{{{name}}}" for name in parts), **parts)
 
 
 def drop_ellipsis(text: str) -> Phrase:

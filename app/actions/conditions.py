@@ -31,7 +31,7 @@ def run_on_instances(session: EditorSession, run: Callable[[], object]) -> Calla
 def explain_disabled(session: EditorSession, action: Action) -> str:
     """Say why an action cannot run now, in a sentence for the user."""
     if session.jobs.is_blocking and session.jobs.current is not None:
-        return phrase("“{job}” is still running", job=session.jobs.current.title)
+        return phrase("“{job}” is still running", job=phrase(session.jobs.current.title))
     if session.document is None:
         return "Open a scene first"
     if action.needs:

@@ -14,6 +14,7 @@ from instdrive_app.preferences.key_presets import DEFAULT_PRESET, PRESETS, Keys,
 from instdrive_app.preferences.themes import DEFAULT_THEME, THEMES
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
+from instdrive_core.wording import phrase
 
 _log = logging.getLogger(__name__)
 
@@ -40,7 +41,7 @@ def read_preferences(stored: Any, report: Callable[[str], None]) -> Preferences:
     """Read preferences as `asdict` stores them; what does not fit is reported and left at its default."""
     chosen = Preferences()
     if not isinstance(stored, Mapping):
-        report(f"a list of choices was expected, not {type(stored).__name__}")
+        report(phrase("a list of choices was expected, not {kind}", kind=type(stored).__name__))
         return chosen
     stored = {**stored, "keys": _read_own_keys(stored.get("keys"))}
     for name, fits in _FITS.items():
@@ -48,7 +49,7 @@ def read_preferences(stored: Any, report: Callable[[str], None]) -> Preferences:
         if fits(value):
             chosen = replace(chosen, **{name: value})
         else:
-            report(f"{name} cannot be {value!r}")
+            report(phrase("{name} cannot be {value!r}", name=name, value=value))
     return chosen
 
 

@@ -37,6 +37,7 @@ from instdrive_app.shell.file_drops import accept_drops
 from instdrive_app.shell.report import Reporter
 from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, build_runner_parameters
 from instdrive_app.tools.registry import create_tools
+from instdrive_core.wording import phrase
 
 _log = logging.getLogger(__name__)
 
@@ -99,8 +100,12 @@ class EditorWindow:
             return error
         display = os.environ.get("DISPLAY", "not set")
         return DisplayError(
-            f"the window could not be opened ({error}). It needs a display (DISPLAY is {display}) and OpenGL 3.3; "
-            "check the display, or update the graphics driver"
+            phrase(
+                "the window could not be opened ({error}). It needs a display (DISPLAY is {display}) "
+                "and OpenGL 3.3; check the display, or update the graphics driver",
+                error=error,
+                display=display,
+            )
         )
 
     def screenshot(self) -> Iterator[None]:
@@ -237,8 +242,13 @@ class EditorWindow:
         if missing:
             self._told_letters |= {*missing}
             self._session.messages.info(
-                f"No font of this computer has {len(missing)} characters of the names ({missing[:6]}), which are shown "
-                "as boxes. Install a font that has them, such as Noto Sans CJK, and start the editor again"
+                phrase(
+                    "No font of this computer has {count} characters of the names ({missing}), which are "
+                    "shown as boxes. Install a font that has them, such as Noto Sans CJK, and start the "
+                    "editor again",
+                    count=len(missing),
+                    missing=missing[:6],
+                )
             )
 
     def _show_title(self) -> None:

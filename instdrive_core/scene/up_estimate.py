@@ -18,6 +18,7 @@ from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.upright import UP, Axis, compute_axis_direction, find_nearest_axis, format_axis
+from instdrive_core.wording import phrase
 
 LOOKED_AT = 20_000
 """Splats that decide, evenly chosen."""
@@ -72,7 +73,8 @@ class UpEstimate:
     @property
     def words(self) -> str:
         """``−Y``, or ``12° from −Y``."""
-        return f"{self.tilt:.0f}° from {format_axis(self.axis)}" if self.tilt else format_axis(self.axis)
+        axis = format_axis(self.axis)
+        return phrase("{tilt:.0f}° from {axis}", tilt=self.tilt, axis=axis) if self.tilt else axis
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.requests import AskChangedScene
@@ -21,7 +22,7 @@ class ChangedSceneDialog:
     def open(self, ui: Ui, request: AskChangedScene) -> None:
         """Open it."""
         self._request = request
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""

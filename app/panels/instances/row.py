@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.instances.menu import draw_instance_menu
 from instdrive_app.panels.widgets.codeword import draw_bit_squares
 from instdrive_app.panels.widgets.theme import pack_color, rgba
@@ -190,7 +191,7 @@ class RowPainter:
             imgui.pop_style_color()
             ui.mark(f"instances.{instance.id}.{_MARKS[column]}")
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-                imgui.set_tooltip(hint)
+                imgui.set_tooltip(translate(hint))
         imgui.pop_style_var()
         imgui.pop_style_color()
 

@@ -11,6 +11,7 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import run_or_explain
+from instdrive_app.jobs import Job
 from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import FONT_SIZE, Fonts, pack_color, rgba
 from instdrive_app.pointer import Tool
@@ -94,6 +95,16 @@ def scale_size(width: float, height: float) -> ImVec2:
 def get_icon(name: str) -> str:
     """Look up the character of an icon constant such as ``ICON_FA_TRASH``."""
     return getattr(icons_fontawesome_6, name)
+
+
+def make_icon_label(symbol: str, text: str, key: str = "", gap: str = "  ") -> str:
+    """Write a label of an icon and a text in the language of the window, whose ID is the same in all of them."""
+    return f"{get_icon(symbol)}{gap}{translate(text)}###{key or text}"
+
+
+def name_work(job: Job) -> str:
+    """Say what a job is doing, in the language of the window."""
+    return translate("Stopping…") if job.stop.is_set() else f"{translate(job.title)}…"
 
 
 def get_swatch_color(ui: Ui, instance: Instance) -> ImVec4:

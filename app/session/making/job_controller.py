@@ -30,6 +30,7 @@ from instdrive_core.jobs.job_file import (
     locate_job_file,
     read_job_state,
 )
+from instdrive_core.wording import phrase
 
 PANEL = "Training"
 """Title of the panel that shows the job."""
@@ -141,7 +142,7 @@ class JobController:
             self._context.requests.put(OfferJob(run))
             return
         if self.state is not None and self.state.status == "done":
-            self._context.messages.info(f"{run.name} is done")
+            self._context.messages.info(phrase("{name} is done", name=run.name))
         self._context.requests.put(ShowPanel(PANEL))
 
     def leave(self, then: Callable[[], None]) -> None:
@@ -165,10 +166,10 @@ class JobController:
     def open_page(self, page: Path) -> None:
         """Show a page in the browser, and say where it is."""
         if not page.is_file():
-            self._context.messages.error(f"There is no page {page}")
+            self._context.messages.error(phrase("There is no page {page}", page=page))
             return
         if not webbrowser.open(page.resolve().as_uri()):
-            self._context.messages.info(f"No browser was found. The page is {page}")
+            self._context.messages.info(phrase("No browser was found. The page is {page}", page=page))
 
     def tick(self) -> None:
         """Look now and then how the job is doing; called once a frame."""
@@ -183,7 +184,9 @@ class JobController:
         try:
             process = start_command(locate_job_file(run, LOG), *arguments)
         except OSError as error:
-            self._context.messages.error(f"{run}: the job cannot be begun ({error.strerror or error})")
+            self._context.messages.error(
+                phrase("{run}: the job cannot be begun ({error})", run=run, error=error.strerror or error)
+            )
             return
         self.run, self.state, self._process, self._is_alive = run, None, process, True
         self.known.add(run)
@@ -205,10 +208,10 @@ class JobController:
     def _tell_end(self, run: Path) -> None:
         messages, state = self._context.messages, self.state
         if state is not None and state.status == "done":
-            messages.info(f"{run.name} is done")
+            messages.info(phrase("{name} is done", name=run.name))
             self.open_scene()
         elif state is not None and state.status == "stopped":
-            messages.info(f"{run.name} was stopped; it can go on at any time")
+            messages.info(phrase("{name} was stopped; it can go on at any time", name=run.name))
         elif state is not None and state.problem:
             messages.error(f"{run.name}: {state.problem}")
         else:
