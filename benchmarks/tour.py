@@ -1,4 +1,4 @@
-"""A tour of the real window: every panel, dialog, menu, tool and view, at several sizes, scales and themes.
+"""A tour of the real window: every panel, dialog, menu, tool and view, at several sizes, scales, themes and languages.
 
 `python -m benchmarks.tour OUT` visits them all on virtual displays, writes where each widget was and a picture of each
 state into OUT, and prints one JSON line: what was visited, and every widget that was cut off, outside the window, or on
@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,6 +36,7 @@ class Options:
 
     out: Positional[Path]
     themes: tuple[str, ...] = ("dark", "light")
+    languages: tuple[str, ...] = ("en", "de")
     pictures: bool = True
     only: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """States to visit; default: all."""
@@ -48,13 +49,14 @@ def visit(
     theme: str,
     only: tuple[str, ...] = (),
     pictures: bool = False,
+    language: str = "en",
 ) -> dict[str, Any]:
     """Go on the tour in one window; returns size, marks and cut widgets of each state.
 
     Raises RuntimeError with what the window wrote where it failed.
     """
     command = [sys.executable, str(TOUR), str(out), "--size", *map(str, size), "--scale", str(scale), "--theme", theme]
-    command += ["--pictures"] if pictures else []
+    command += ["--language", language, *(["--pictures"] if pictures else [])]
     command += [word for state in only for word in ("--only", state)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     if done.returncode:
@@ -101,9 +103,9 @@ def main(options: Options) -> None:
     """Visit everything and print what is wrong."""
     faults, visited = [], 0
     for size, scale in VISITS:
-        for theme in options.themes:
-            name = f"{size[0]}x{size[1]} at {scale:g}, {theme}"
-            states = visit(options.out / name, size, scale, theme, options.only, options.pictures)
+        for theme, language in product(options.themes, options.languages):
+            name = f"{size[0]}x{size[1]} at {scale:g}, {theme}, {language}"
+            states = visit(options.out / name, size, scale, theme, options.only, options.pictures, language)
             visited += len(states)
             faults += [f"{name}: {fault}" for fault in find_faults(states)]
     print(json.dumps({"benchmark": "tour", "states": visited, "faults": faults}))

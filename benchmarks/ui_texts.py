@@ -21,6 +21,11 @@ ROOMS = (
     *("instdrive_core/edits/document/edit.py", "instdrive_core/edits/deletion_report.py"),
 )
 """Folders and files whose texts the window shows."""
+MARKED = (
+    *("app/files/file_names.py", "instdrive_core/errors.py", "instdrive_core/jobs", "instdrive_core/filming/film.py"),
+    *("instdrive_core/scene/lint.py", "instdrive_core/scene/up_estimate.py"),
+)
+"""Folders and files with other texts, too: here only phrases count."""
 UNREAD_CALLS = frozenset(
     [
         *("mark", "debug", "warning", "exception", "getattr", "ValueError", "KeyError", "TypeVar", "ShowPanel"),
@@ -30,7 +35,7 @@ UNREAD_CALLS = frozenset(
 )
 """Functions whose arguments nobody reads in the window."""
 NOT_TEXT = re.compile(
-    r"ICON_\w+|##.*|[A-Z][A-Z0-9_]+|\w*[./%:_]\S*|((Ctrl|Alt|Shift)\+)+\S+|F\d+|(Page|Left|Right)[A-Z]\w+|"
+    r"ICON_\w+|##.*|[a-z]+(-[a-z]+)+-?|\S*(->|\[A-Z)\S*|[A-Z][A-Z0-9_]+|\w*[./%:_]\S*|((Ctrl|Alt|Shift)\+)+\S+|F\d+|(Page|Left|Right)[A-Z]\w+|"
     r"(Ctrl|Alt|Shift|Enter|Escape|Space|Backspace|End|Home|Tab|Right|RightBottom|Bottom|MainDockSpace|Wanted|Value|Selection)"
 )
 """Whole literals that are icons, IDs, constants, names of files and formats, keys or type variables."""
@@ -57,8 +62,8 @@ def list_ui_texts(root: Path = ROOT) -> list[UiText]:
     """
     found: dict[tuple[str, str], UiText] = {}
     faults: list[str] = []
-    for path in _list_sources(root):
-        reader = _Reader(path.relative_to(root).as_posix())
+    for path, is_marked in _list_sources(root):
+        reader = _Reader(path.relative_to(root).as_posix(), is_marked)
         reader.visit(ast.parse(path.read_text(encoding="utf-8")))
         faults += reader.faults
         for text in reader.found:
@@ -69,16 +74,18 @@ def list_ui_texts(root: Path = ROOT) -> list[UiText]:
     return [text for text in found.values() if text.plural or text.text not in counted]
 
 
-def _list_sources(root: Path) -> Iterator[Path]:
-    for room in ROOMS:
-        yield from sorted((root / room).rglob("*.py")) if (root / room).is_dir() else [root / room]
+def _list_sources(root: Path) -> Iterator[tuple[Path, bool]]:
+    """The files, and whether only phrases count in them."""
+    for room in (*ROOMS, *MARKED):
+        for path in sorted((root / room).rglob("*.py")) if (root / room).is_dir() else [root / room]:
+            yield path, room in MARKED
 
 
 class _Reader(ast.NodeVisitor):
     """Collects the texts of one file."""
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, name: str, is_marked: bool) -> None:
+        self._name, self._is_marked = name, is_marked
         self.found: list[UiText] = []
         self.faults: list[str] = []
 
@@ -110,7 +117,7 @@ class _Reader(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> None:
         name = _name_called(node)
-        if name in UNREAD_CALLS:
+        if name in UNREAD_CALLS or ast.unparse(node.func).startswith("_log."):
             return
         if name in ("phrase", "translate", "make_label") and (text := _read_text(node.args[0])):
             self._add(text, "", node)
@@ -139,7 +146,7 @@ class _Reader(ast.NodeVisitor):
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
         written = "".join(_read_text(part) or "0" for part in node.values)
-        if WORDS.search(written.split("##")[0]) and not NOT_TEXT.fullmatch(written):
+        if not self._is_marked and WORDS.search(written.split("##")[0]) and not NOT_TEXT.fullmatch(written):
             self.faults.append(f"{self._name}:{node.lineno}: write {ast.unparse(node)} as phrase(…) or translate(…)")
         for part in node.values:
             if isinstance(part, ast.FormattedValue):
@@ -147,7 +154,9 @@ class _Reader(ast.NodeVisitor):
 
     def visit_Constant(self, node: ast.Constant) -> None:
         text = node.value
-        if isinstance(text, str) and WORDS.search(PLACEHOLDER.sub("", text)) and not NOT_TEXT.fullmatch(text):
+        if self._is_marked or not isinstance(text, str):
+            return
+        if WORDS.search(PLACEHOLDER.sub("", text)) and not NOT_TEXT.fullmatch(text):
             self._add(text, "", node)
 
     def _add_count(self, node: ast.Call) -> None:

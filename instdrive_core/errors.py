@@ -66,7 +66,12 @@ def format_ordinal(number: int) -> str:
 
 def say_ordinal(number: int) -> Phrase:
     """The ordinal number as a phrase, since languages write it in different ways."""
-    form = {"th": "{number}th", "st": "{number}st", "nd": "{number}nd", "rd": "{number}rd"}
+    form = {
+        "th": phrase("{number}th"),
+        "st": phrase("{number}st"),
+        "nd": phrase("{number}nd"),
+        "rd": phrase("{number}rd"),
+    }
     return phrase(form[format_ordinal(number)[-2:]], number=number)
 
 

@@ -28,7 +28,7 @@ def phrase(template: str, /, **values: Any) -> Phrase:
 
     Raises KeyError for a placeholder without a value.
     """
-    if isinstance(template, Phrase):
+    if isinstance(template, Phrase) and not values:
         return template
     return _make_phrase(template.format(**values) if values else template, template, "", values)
 

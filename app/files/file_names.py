@@ -29,7 +29,10 @@ def find_name_problem(path: Path) -> str:
     """Say why a path cannot be shown in recent files, titles and messages; empty where it can."""
     if is_displayable(path):
         return ""
-    return f"{format_path(path.name or path)} cannot be opened: its path is not UTF-8 text. Rename it, then try again"
+    return phrase(
+        "{name} cannot be opened: its path is not UTF-8 text. Rename it, then try again",
+        name=format_path(path.name or path),
+    )
 
 
 def find_working_folder() -> Path:

@@ -24,6 +24,7 @@ from instdrive_app.session.making.job_controller import REPORT, JobController
 from instdrive_core.datasets.photos import load_photo, read_photo_size
 from instdrive_core.errors import DataError
 from instdrive_core.jobs.job_file import PICTURE, JobStage, JobState, describe_seconds, locate_job_file
+from instdrive_core.wording import phrase
 
 PLOT_HEIGHT = 110.0
 """Pixels at scale 1."""
@@ -36,6 +37,18 @@ SHOWN_FIGURES = (
     ("n_instances", "Instances", "{:,.0f}"),
 )
 """Keys, titles and forms of the figures shown of an evaluation."""
+
+
+STATUSES = {
+    "starting": phrase("starting"),
+    "running": phrase("running"),
+    "paused": phrase("paused"),
+    "interrupted": phrase("interrupted"),
+    "stopped": phrase("stopped"),
+    "failed": phrase("failed"),
+    "done": phrase("done"),
+}
+"""What the user reads of a job's state."""
 
 
 class TrainingPanel:
@@ -57,7 +70,7 @@ class TrainingPanel:
         imgui.text(making.run.name)
         imgui.pop_font()
         imgui.same_line()
-        draw_dim_text(translate(_describe_status(making)))
+        draw_dim_text(translate(STATUSES[_describe_status(making)]))
         ui.mark(f"training.status.{_describe_status(making)}")
         _draw_buttons(ui, making)
         if state is None:

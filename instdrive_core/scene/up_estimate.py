@@ -110,12 +110,12 @@ def estimate_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
     """
     cameras = _estimate_up_from_cameras(scene.views)
     if cameras is not None:
-        return UpEstimate(_snap_direction(cameras), True, "the photos' cameras")
+        return UpEstimate(_snap_direction(cameras), True, phrase("the photos' cameras"))
     ground = _find_ground(scene.gaussians, np.flatnonzero(scene.nodes == 0))
     if ground is not None:
-        return UpEstimate(_snap_direction(ground.up), True, "the ground")
+        return UpEstimate(_snap_direction(ground.up), True, phrase("the ground"))
     if stated is not None:
-        return UpEstimate(compute_axis_direction(stated), True, "the file's format")
+        return UpEstimate(compute_axis_direction(stated), True, phrase("the file's format"))
     return UpEstimate(compute_axis_direction(UP if len(scene.table) else _CUSTOM), False, "custom")
 
 

@@ -146,6 +146,10 @@ def _list_matches(typed: str, actions: Iterable[Action]) -> list[Action]:
         (action for action in actions if action.menu),
         lambda action: translate(action.title),
         lambda action: translate(action.menu),
-        lambda action: (*map(translate, action.words), *action.words, *_list_english_words(action)),
+        lambda action: (
+            *(translate(word).lower() for word in action.words),
+            *action.words,
+            *_list_english_words(action),
+        ),
     )
     return sorted(found, key=lambda action: not action.enabled()) if typed else found

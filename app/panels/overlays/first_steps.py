@@ -69,14 +69,14 @@ def list_first_steps(ui: Ui) -> tuple[tuple[str, str], ...]:
         ("ICON_FA_CAMERA", always if flies else held),
         (
             "ICON_FA_ROTATE_LEFT",
-            phrase("{value} undoes every edit; nothing trained is ever lost.", value=name_key("edit.undo")),
+            phrase("{key} undoes every edit; nothing trained is ever lost.", key=name_key("edit.undo")),
         ),
         (
             "ICON_FA_MAGNIFYING_GLASS",
             phrase(
-                "{value} finds any command, {value2} lists all keys.",
-                value=name_key("help.palette"),
-                value2=name_key("help.shortcuts"),
+                "{find} finds any command, {keys} lists all keys.",
+                find=name_key("help.palette"),
+                keys=name_key("help.shortcuts"),
             ),
         ),
     )

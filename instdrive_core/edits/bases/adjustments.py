@@ -29,6 +29,15 @@ class Range(NamedTuple):
     """The amount that changes nothing."""
 
 
+NAMES: dict[AdjustKind, str] = {
+    "hue": phrase("hue"),
+    "brightness": phrase("brightness"),
+    "contrast": phrase("contrast"),
+    "saturation": phrase("saturation"),
+    "temperature": phrase("temperature"),
+    "opacity": phrase("opacity"),
+}
+"""How titles of edits name what is adjusted."""
 RANGES: dict[AdjustKind, Range] = {
     "hue": Range(-180.0, 180.0, 0.0),
     "brightness": Range(0.0, 4.0, 1.0),

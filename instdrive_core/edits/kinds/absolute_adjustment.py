@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind, check_adjustment, compute_adjustment
+from instdrive_core.edits.bases.adjustments import NAMES, RANGES, AdjustKind, check_adjustment, compute_adjustment
 from instdrive_core.edits.bases.editable import find_editable_parts
 from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
@@ -53,7 +53,7 @@ class SetAdjustment(ColorEdit):
         unit = "°" if self.what == "hue" else ""
         return phrase(
             "Set {what} of {objects} to {amount:.3g}{unit}",
-            what=phrase(self.what),
+            what=NAMES[self.what],
             objects=describe_ids(self.ids),
             amount=self.amount,
             unit=unit,

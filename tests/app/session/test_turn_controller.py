@@ -168,8 +168,8 @@ def test_the_dialog_says_what_will_happen_and_how_it_knows(session):
         " This changes with it: the drives, the photos' cameras, the sky. You can undo this."
     )
     parked = scene_from_gaussians(scene.gaussians)
-    assert " The sky changes with it." in describe_turn(DOWN, 1.0, replace(parked, sky=scene.sky))
-    assert " The photos' cameras change with it." in describe_turn(DOWN, 1.0, replace(parked, views=scene.views))
+    assert " This changes with it: the sky." in describe_turn(DOWN, 1.0, replace(parked, sky=scene.sky))
+    assert " This changes with it: the photos' cameras." in describe_turn(DOWN, 1.0, replace(parked, views=scene.views))
     assert describe_guess(None) == "Estimating which way is up…"
     session.orientation.guess_up()
     finish(session)

@@ -42,6 +42,7 @@ class Options:
     size: tuple[int, int] = (1280, 720)
     scale: float = 1.0
     theme: str = DEFAULT_THEME
+    language: str = "en"
     pictures: bool = False
     only: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """States to visit; default: all."""
@@ -56,7 +57,7 @@ class Tour:
 
     def play(self) -> Iterator[None]:
         """All states that are asked for."""
-        self._session.preferences.change(theme=self._options.theme)
+        self._session.preferences.change(theme=self._options.theme, language=self._options.language)
         yield from self._frames(6)
         yield from self._look("empty")
         self._session.files.open(self._scene)
@@ -176,7 +177,7 @@ class Tour:
         return tuple(i.id for i in document.scene.table if i.class_name == "Car") or document.find_visible_instances()
 
     def _front(self, panel: str) -> None:
-        imgui.set_window_focus(panel)
+        imgui.set_window_focus(f"###{panel}")
 
     def _click(self, mark: str) -> Iterator[None]:
         left, top, right, bottom = self._window.ui.marks[mark]
