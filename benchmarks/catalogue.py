@@ -100,18 +100,23 @@ def _name_text(text) -> str:
 
 def _create_catalogue(code: str) -> Catalog:
     """An empty catalogue whose head says nothing that differs from run to run."""
-    catalogue = Catalog(
-        locale=code, domain=DOMAIN, project="InstDrive", header_comment="# Texts of InstDrive's window."
-    )
-    catalogue.mime_headers = [
-        ("Project-Id-Version", "InstDrive"),
-        ("Language", code),
-        ("Plural-Forms", f"nplurals={catalogue.num_plurals}; plural={catalogue.plural_expr};"),
-        ("MIME-Version", "1.0"),
-        ("Content-Type", "text/plain; charset=utf-8"),
-        ("Content-Transfer-Encoding", "8bit"),
-    ]
-    return catalogue
+    return _PlainCatalog(locale=code, domain=DOMAIN, header_comment="# Texts of the window.", fuzzy=False)
+
+
+class _PlainCatalog(Catalog):
+    """A catalogue whose head names neither dates nor tools."""
+
+    @property
+    def mime_headers(self) -> list[tuple[str, str]]:
+        """What gettext needs."""
+        return [
+            ("Project-Id-Version", "InstDrive"),
+            ("Language", str(self.locale)),
+            ("Plural-Forms", self.plural_forms),
+            ("MIME-Version", "1.0"),
+            ("Content-Type", "text/plain; charset=utf-8"),
+            ("Content-Transfer-Encoding", "8bit"),
+        ]
 
 
 if __name__ == "__main__":

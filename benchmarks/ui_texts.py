@@ -23,14 +23,14 @@ ROOMS = (
 """Folders and files whose texts the window shows."""
 MARKED = (
     *("app/files/file_names.py", "instdrive_core/errors.py", "instdrive_core/jobs", "instdrive_core/filming/film.py"),
-    *("instdrive_core/scene/lint.py", "instdrive_core/scene/up_estimate.py"),
+    *("instdrive_core/scene/lint.py", "instdrive_core/scene/up_estimate.py", "instdrive_core/formats"),
 )
 """Folders and files with other texts, too: here only phrases count."""
 UNREAD_CALLS = frozenset(
     [
         *("mark", "debug", "warning", "exception", "getattr", "ValueError", "KeyError", "TypeVar", "ShowPanel"),
         *("AssertionError", "NotImplementedError", "startswith", "endswith", "split", "is_key", "get_icon"),
-        *("is_key_pressed", "strftime", "getenv", "RuntimeError", "TypeError", "replace", "fromisoformat"),
+        *("is_key_pressed", "strftime", "getenv", "RuntimeError", "TypeError", "fromisoformat"),
     ]
 )
 """Functions whose arguments nobody reads in the window."""
@@ -129,6 +129,8 @@ class _Reader(ast.NodeVisitor):
             for part in (node.args[0], *(word.value for word in node.keywords)):
                 self.visit(part)
             return
+        if name == "Format" and (text := _read_text(node.args[0])):
+            self._add(text, "", node)
         if name == "format_count":
             self._add_count(node)
             self.visit(node.args[0])

@@ -98,7 +98,14 @@ class SceneChangedError(DataError):
     """
 
     def __init__(self, path: str | Path, scene: str | Path, expected: str, found: str) -> None:
-        problem = f"the scene {scene} has changed since it was edited (SHA-256 {found}, not {expected})"
-        remedy = "Put the old scene back, or open it anyway (accept_changed): edits that no longer fit are left out"
+        problem = phrase(
+            "the scene {scene} has changed since it was edited (SHA-256 {found}, not {expected})",
+            scene=scene,
+            found=found,
+            expected=expected,
+        )
+        remedy = phrase(
+            "Put the old scene back, or open it anyway (accept_changed): edits that no longer fit are left out"
+        )
         super().__init__(path, problem, remedy)
         self.scene, self.expected, self.found = Path(scene), expected, found

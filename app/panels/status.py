@@ -8,7 +8,7 @@ from imgui_bundle import ImVec4, imgui
 from instdrive_app.language.translation import translate
 from instdrive_app.memory import MemoryGauge
 from instdrive_app.panels.widgets.theme import rgba
-from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, scale_pixels
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, name_work, scale_pixels
 from instdrive_app.preferences.themes import ACCENT, DIM
 from instdrive_app.session.files.document_files import list_changes
 from instdrive_core.scene.selection import Flag
@@ -55,7 +55,7 @@ def _describe_activity(ui: Ui) -> tuple[str, ImVec4]:
     session, document = ui.session, ui.session.document
     job = session.jobs.current
     if job is not None:
-        return f"{get_icon('ICON_FA_SPINNER')}  {translate(job.title)}…", rgba(ACCENT)
+        return f"{get_icon('ICON_FA_SPINNER')}  {name_work(job)}", rgba(ACCENT)
     if document is None:
         return translate("Ready"), rgba(DIM)
     name = session.files.path.name if session.files.path else translate("scene")

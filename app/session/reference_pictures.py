@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
+from instdrive_app.messages import read_error
 from instdrive_app.state import Reference
 from instdrive_core.datasets.photos import load_photo, read_photo_size
 from instdrive_core.errors import DataError, InstDriveError
@@ -73,7 +74,7 @@ class ReferencePictures:
                     )
                 )
             elif not _is_held_back(view, kind):
-                self._report_error(str(error))
+                self._report_error(read_error(error))
         return None
 
     def explain_missing(self, view: CameraView, kind: Reference) -> str:

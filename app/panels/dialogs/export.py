@@ -250,7 +250,7 @@ def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: 
         return current
     chosen = current
     for key, title in entries:
-        if imgui.selectable(make_label(title), key == current)[0]:
+        if imgui.selectable(f"{translate(title)}###{key}", key == current)[0]:
             chosen = key
         ui.mark(f"export.{name}.{key}")
     imgui.end_combo()
@@ -259,10 +259,10 @@ def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: 
 
 def _draw_switch(ui: Ui, name: str, title: str, on: bool, hint: str = "") -> bool:
     imgui.same_line()
-    on = imgui.checkbox(title, on)[1]
+    on = imgui.checkbox(make_label(title), on)[1]
     ui.mark(f"export.{name}")
     if hint and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-        imgui.set_tooltip(hint)
+        imgui.set_tooltip(translate(hint))
     return on
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.language.translation import make_label
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_fitted_selectable, scale_size
 from instdrive_app.session.requests import AskClass
@@ -38,7 +38,7 @@ class ClassDialog:
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-        entered, self._text = imgui.input_text_with_hint("##class", "unknown", self._text, flags)
+        entered, self._text = imgui.input_text_with_hint("##class", translate("unknown"), self._text, flags)
         ui.mark("class.name")
         known = ui.session.labels.list_classes()
         height = min(max(len(known), 1), 8) * imgui.get_text_line_height_with_spacing()

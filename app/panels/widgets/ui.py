@@ -21,6 +21,7 @@ from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.instances.table import Instance
+from instdrive_core.wording import phrase
 
 CUT_SLACK = 8.0
 """Pixels at scale 1 of a widget that may be hidden: rows reach into the gaps beside them."""
@@ -104,7 +105,7 @@ def make_icon_label(symbol: str, text: str, key: str = "", gap: str = "  ") -> s
 
 def name_work(job: Job) -> str:
     """Say what a job is doing, in the language of the window."""
-    return translate("Stopping…") if job.stop.is_set() else f"{translate(job.title)}…"
+    return translate("Stopping…") if job.stop.is_set() else translate("{work}…", work=phrase(job.title))
 
 
 def get_swatch_color(ui: Ui, instance: Instance) -> ImVec4:

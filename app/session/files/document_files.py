@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_app.files.file_names import find_name_problem
+from instdrive_app.messages import read_error
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.files.autosave import Autosave
 from instdrive_app.session.files.opening import OpenedDocument, open_for_editing, recover_for_editing
@@ -181,7 +182,7 @@ class DocumentFiles:
 
     def _ask_about_change(self, error: BaseException, open_anyway: Callable[[], None]) -> bool:
         if isinstance(error, SceneChangedError):
-            self._context.requests.put(AskChangedScene(str(error), open_anyway))
+            self._context.requests.put(AskChangedScene(read_error(error), open_anyway))
         return isinstance(error, SceneChangedError)
 
 

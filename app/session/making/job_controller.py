@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from instdrive_app.messages import read_error
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_app.session.files.recents import RecentFiles
@@ -91,7 +92,7 @@ class JobController:
             self._keep_look(SourceLook(source, found["title"], facts, found["problem"], True))
 
         def keep_problem(error: BaseException) -> bool:
-            self._keep_look(SourceLook(source, problem=str(error), is_ready=True))
+            self._keep_look(SourceLook(source, problem=read_error(error), is_ready=True))
             return isinstance(error, CommandFailedError)
 
         self._context.jobs.submit_in_background(
@@ -118,7 +119,7 @@ class JobController:
         try:
             ask_job(self.run, wish)
         except DataError as error:
-            self._context.messages.error(str(error))
+            self._context.messages.error(read_error(error))
 
     def follow(self, run: Path) -> None:
         """Show a job that was begun before, whether or not it runs."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.language.translation import make_label, translate
+from instdrive_app.messages import read_error
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
@@ -146,5 +147,5 @@ class RecordDialog:
             try:
                 parse_ego_change(arguments[arguments.index("--ego") + 1])
             except OptionError as error:
-                return str(error)
+                return read_error(error)
         return find_folder_problem(self._folder)
