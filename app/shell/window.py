@@ -16,7 +16,7 @@ from numpy import ndarray
 
 from instdrive_app.actions import register_actions
 from instdrive_app.language.languages import ENGLISH, resolve_language
-from instdrive_app.language.translation import get_language, make_label, speak
+from instdrive_app.language.translation import get_language, speak, translate
 from instdrive_app.panels.dialogs import DialogHost
 from instdrive_app.panels.dialogs.registry import DIALOGS
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
@@ -35,7 +35,12 @@ from instdrive_app.session.requests import ReceiveDrop, Request, ShowPanel, do_n
 from instdrive_app.shell.display import DisplayError, has_display
 from instdrive_app.shell.file_drops import accept_drops
 from instdrive_app.shell.report import Reporter
-from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, build_runner_parameters
+from instdrive_app.shell.window_layout import (
+    IDLE_FPS,
+    WAITING_FPS,
+    WindowOptions,
+    build_runner_parameters,
+)
 from instdrive_app.tools.registry import create_tools
 from instdrive_core.wording import phrase
 
@@ -56,8 +61,8 @@ class EditorWindow:
         self._wants_screenshot = False
         self._dialogs = DialogHost(DIALOGS)
         self._status, self._title, self._theme = StatusBar(), "", ""
-        self._labels = {record.title: make_label(record.title) for record in PANELS}
-        """Names of the docked windows, by the panels' titles."""
+        self._labels = {record.title: record.title for record in PANELS}
+        """Names of the docked windows, by the panels' titles. Layouts are read and saved under the titles."""
         self._language = (session.preferences.current.language, self._options.language)
         """What was chosen in Preferences when the window's language was last set, and the language asked for."""
         self._read_names: tuple[int, object] | None = None
@@ -150,13 +155,13 @@ class EditorWindow:
             speak(code)
             self._name_windows()
 
-    def _name_windows(self) -> None:
-        """Write the panels' titles on their tabs; their IDs stay."""
+    def _name_windows(self, translated: bool = True) -> None:
+        """Write the panels' titles on their tabs; IDs, and with them places, stay those of the English titles."""
         docking = hello_imgui.get_runner_params().docking_params
         for title, label in self._labels.items():
             window = docking.dockable_window_of_name(label)
             if window is not None:
-                window.label = self._labels[title] = make_label(title)
+                window.label = self._labels[title] = make_window_name(title) if translated else title
 
     def _create_dockable(self, record: PanelRecord) -> hello_imgui.DockableWindow:
         panel = record.create()
@@ -289,6 +294,8 @@ class EditorWindow:
         if parameters.app_shall_exit and not self._session.is_quitting:  # the window's own cross
             self._session.leave()
         parameters.app_shall_exit = self._session.is_quitting
+        if parameters.app_shall_exit:  # the layout is saved next
+            self._name_windows(translated=False)
         parameters.fps_idling.enable_idling = self._steps is None
         parameters.fps_idling.fps_idle = WAITING_FPS if self._is_waiting() else IDLE_FPS
 
@@ -330,6 +337,15 @@ def format_window_title(session: EditorSession) -> str:
     if session.document is None or path is None:
         return "InstDrive"
     return f"{path.name} {'•' if session.files.is_unsaved else '–'} InstDrive"
+
+
+def make_window_name(title: str) -> str:
+    """Name of a panel's window with its title in the window's language, and the ID of the English one.
+
+    English where ImGui (before 1.93) takes a name with a title for another window.
+    """
+    name = f"{translate(title)}###{title}"
+    return name if imgui.internal.im_hash_str(name) == imgui.internal.im_hash_str(title) else title
 
 
 def require_display() -> None:

@@ -13,7 +13,7 @@ from imgui_bundle import imgui
 from instdrive_app.language.translation import make_label, translate
 from instdrive_app.messages import user_message
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose
-from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, WITH_TRACKS, WRITTEN, ExportChoice, What
 from instdrive_core.errors import InstDriveError
@@ -35,6 +35,7 @@ _FILM_FILES = (
 _SCALES = (1.0, 2.0, 4.0)
 _ENDINGS_WITH_IDS = (".ply", ".glb", ".gltf", *WITH_TRACKS)
 _LABEL_EM, _COMBO_EM = 4.2, 27.0
+_LABELS = ("Export", "As")
 Key = TypeVar("Key")
 
 
@@ -238,7 +239,8 @@ def _format_title(suffix: str) -> str:
 def _draw_label(text: str) -> None:
     imgui.align_text_to_frame_padding()
     draw_dim_text(translate(text))
-    imgui.same_line(_LABEL_EM * imgui.get_font_size())
+    widest = max(imgui.calc_text_size(translate(word)).x for word in _LABELS) + scale_pixels(10)
+    imgui.same_line(max(_LABEL_EM * imgui.get_font_size(), widest))
 
 
 def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: Key, width: float = _COMBO_EM) -> Key:

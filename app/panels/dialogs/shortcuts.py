@@ -31,6 +31,8 @@ MOUSE = (
     ("W A S D, Q E", "Fly; faster with Shift"),
     ("Up, Down, Home, End", "In the list: go to a row; Shift extends the selection"),
 )
+KEYS_EM = 9.5
+"""Width of the keys, in font sizes."""
 COLUMNS = 3
 
 
@@ -116,7 +118,9 @@ def _draw_group(ui: Ui, group: ShortcutGroup) -> None:
     imgui.text(translate(group.title))
     imgui.pop_font()
     for key, action in group.rows:
-        draw_dim_text(translate(key))
-        imgui.same_line(imgui.get_font_size() * 9.5)
+        text, width = translate(key), imgui.get_font_size() * KEYS_EM
+        fits = imgui.calc_text_size(text).x < width - scale_pixels(4)
+        draw_dim_text(text if fits else text.replace(", ", ",\n"))
+        imgui.same_line(width)
         imgui.text_wrapped(translate(action))
     imgui.spacing()

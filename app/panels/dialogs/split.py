@@ -79,7 +79,7 @@ def _describe_parts(sizes: tuple[int, ...] | None) -> str:
         return "Looking for parts…"
     if len(sizes) < 2:
         return "The instance is all one part; try a smaller gap."
-    shown = " · ".join(f"{size:,}" for size in sizes[:MOST_SIZES])
+    shown = " · ".join(translate("{size:,}", size=size) for size in sizes[:MOST_SIZES])
     if len(sizes) > MOST_SIZES:
         shown = f"{shown} …"
     return phrase("{count} parts of {sizes} splats", count=len(sizes), sizes=shown)

@@ -98,7 +98,7 @@ class RowPainter:
         if imgui.table_set_column_index(_PLACE["Class"]):
             self._draw_text(instance.class_name, color)
         if imgui.table_set_column_index(_PLACE["Splats"]):
-            text = f"{row.summary.count - row.summary.deleted:,}"
+            text = translate("{count:,}", count=row.summary.count - row.summary.deleted)
             free = imgui.get_content_region_avail().x - imgui.calc_text_size(text).x
             imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(free, 0))
             imgui.text_colored(color, text)

@@ -6,14 +6,17 @@ import string
 from collections import Counter
 
 import pytest
+from imgui_bundle import imgui
 
 from benchmarks.catalogue import list_missing, read_catalogue, render_catalogue, update_catalogue
 from benchmarks.ui_texts import ROOT, WORDS, list_ui_texts
 from instdrive_app.actions import register_actions
 from instdrive_app.language.languages import ENGLISH, LANGUAGES
 from instdrive_app.language.translation import make_label, speak, translate
+from instdrive_app.panels.registry import PANELS
 from instdrive_app.panels.window_menu import list_panel_actions
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.shell.window import make_window_name
 
 FOREIGN = sorted(LANGUAGES.keys() - {ENGLISH})
 PRINTF = re.compile(r"%[-+0-9.]*[a-z%]")
@@ -114,3 +117,9 @@ def test_what_panels_draw_is_looked_up():
                 if isinstance(text, str) and WORDS.search(text) and not text.startswith("##"):
                     faults.append(f"{path.name}:{node.lineno}: {text!r}")
     assert not faults
+
+
+def test_panels_keep_their_places(spoken):
+    for record in PANELS:
+        assert make_window_name(record.title) == f"{translate(record.title)}###{record.title}"
+        assert imgui.internal.im_hash_str(make_window_name(record.title)) == imgui.internal.im_hash_str(record.title)
