@@ -167,7 +167,8 @@ class _Reader(ast.NodeVisitor):
             self._add(f"{{count:,}} {one}", f"{{count:,}} {rest[0] if rest else f'{one}s'}", node)
 
     def _add(self, text: str, plural: str, node: ast.expr) -> None:
-        self.found.append(UiText(text, plural, f"{self._name}:{node.lineno}"))
+        if re.search(r"[^\W\d_]", PLACEHOLDER.sub("", text)):  # else all words are filled in
+            self.found.append(UiText(text, plural, f"{self._name}:{node.lineno}"))
 
 
 def _name_called(node: ast.Call) -> str:
