@@ -2,7 +2,7 @@
 
 `python -m benchmarks.tour OUT` visits them all on virtual displays, writes where each widget was and a picture of each
 state into OUT, and prints one JSON line: what was visited, and every widget that was cut off, outside the window, or on
-top of another one. Exits 1 where there was any.
+top of another one, or drawn in English although the window speaks another language. Exits 1 where there was any.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 from pathlib import Path
@@ -18,6 +18,9 @@ from typing import Annotated, Any
 
 import tyro
 from tyro.conf import Positional
+
+from benchmarks.catalogue import read_catalogue
+from instdrive_app.language.languages import ENGLISH
 
 TOUR = Path(__file__).parents[1] / "tests/support/window/look_tour.py"
 VISITS = (((900, 600), 1.0), ((900, 600), 2.0), ((2560, 1440), 1.0), ((1280, 720), 2.0))
@@ -64,6 +67,23 @@ def visit(
     return json.loads((out / "looks.json").read_text(encoding="utf-8"))
 
 
+def find_untranslated(texts: Iterable[str], language: str) -> list[str]:
+    """Find what was drawn in English although the language has words of its own for it, in a sentence each."""
+    foreign = read_catalogue(language)
+    said = {strip_text(text) for message in foreign for text in _list_forms(message.string)}
+    english = {strip_text(text) for message in foreign for text in _list_forms(message.id)}
+    return [f"{text!r} is drawn in English" for text in sorted({*texts} & (english - said - {""}))]
+
+
+def strip_text(text: str) -> str:
+    """The words without the dots at the end."""
+    return text.rstrip(" …")
+
+
+def _list_forms(text: str | Sequence[str] | None) -> Sequence[str]:
+    return (text,) if isinstance(text, str) else text or ()
+
+
 def find_faults(states: Mapping[str, Any]) -> list[str]:
     """Find widgets that are cut off, outside the window, or on top of one another, in a sentence each."""
     faults: list[str] = []
@@ -108,6 +128,9 @@ def main(options: Options) -> None:
             states = visit(options.out / name, size, scale, theme, options.only, options.pictures, language)
             visited += len(states)
             faults += [f"{name}: {fault}" for fault in find_faults(states)]
+            if language != ENGLISH:
+                texts = json.loads((options.out / name / "texts.json").read_text(encoding="utf-8"))
+                faults += [f"{name}: {fault}" for fault in find_untranslated(texts, language)]
     print(json.dumps({"benchmark": "tour", "states": visited, "faults": faults}))
     if faults:
         raise SystemExit(1)

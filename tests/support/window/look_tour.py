@@ -1,6 +1,7 @@
 """A tour through the editor's states in a window of a given size: where every widget is, and pictures of them.
 
-``python tests/support/window/look_tour.py OUT --size 1280 720 --scale 2 --pictures`` writes OUT/looks.json and a PNG
+``python tests/support/window/look_tour.py OUT --size 1280 720 --scale 2 --pictures`` writes OUT/looks.json,
+OUT/texts.json with all that was drawn, and a PNG
 per state.
 """
 
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from drawn_texts import record_texts
 from example_requests import fill_in, list_requests
 from imgui_bundle import imgui
 from PIL import Image
@@ -57,7 +59,7 @@ class Tour:
 
     def play(self) -> Iterator[None]:
         """All states that are asked for."""
-        self._session.preferences.change(theme=self._options.theme, language=self._options.language)
+        self._session.preferences.change(theme=self._options.theme)
         yield from self._frames(6)
         yield from self._look("empty")
         self._session.files.open(self._scene)
@@ -225,10 +227,12 @@ def main(options: Options) -> None:
     session, source = EditorSession(), find_sample_scene()
     scene = options.out / "street"
     (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
+    drawn = record_texts()
     with open_virtual_display(pixels):
-        window = EditorWindow(session, WindowOptions(options.size, remember_layout=False, scale=options.scale))
+        window = EditorWindow(session, WindowOptions(options.size, None, False, options.scale, options.language))
         tour = Tour(window, options, scene)
         window.run(lambda _: tour.play())
+    (options.out / "texts.json").write_text(json.dumps(sorted(drawn), ensure_ascii=False), encoding="utf-8")
     (options.out / "looks.json").write_text(json.dumps(tour.states), encoding="utf-8")
 
 
