@@ -15,6 +15,7 @@ from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteRows
 from instdrive_core.edits.kinds.light.cast_shadows import Put, find_put, plan_shadows
 from instdrive_core.edits.kinds.light.lay_shadow import find_shadow_rows, make_lay_shadow
+from instdrive_core.wording import format_count, phrase
 
 SETTLE_SECONDS = 0.4
 """Time for which an edit stays the last step before what it has put somewhere gets a shadow."""
@@ -67,7 +68,7 @@ class ShadowController:
             if self._context.document is document:
                 self._light = (ref(document), light)
                 steps = tuple(make_lay_shadow(number, light, time) for number in ids)
-                title = f"Lay shadows of {describe_ids(ids)}"
+                title = phrase("Lay shadows of {objects}", objects=describe_ids(ids))
                 self._context.apply(lambda: steps[0] if len(steps) == 1 else CompoundEdit(steps, title))
 
         self._jobs.submit(
@@ -81,7 +82,9 @@ class ShadowController:
             return
         steps = tuple(DeleteRows(rows) for number in ids if len(rows := find_shadow_rows(document, number)))
         if steps:
-            self._context.apply(lambda: CompoundEdit(steps, f"Remove the shadow of {describe_ids(ids)}"))
+            self._context.apply(
+                lambda: CompoundEdit(steps, phrase("Remove the shadow of {objects}", objects=describe_ids(ids)))
+            )
 
     def _follow(self, document: Document, last: Edit) -> None:
         """Lay the shadows of what the last step has put somewhere, and make them part of that step."""
@@ -102,7 +105,9 @@ class ShadowController:
                 document.replace_last(joined)
                 self._looked = (ref(document), joined)
 
-        self._jobs.submit_in_background(f"Looking for the shadow of {_name(document, put)}", plan, finish)
+        self._jobs.submit_in_background(
+            phrase("Looking for the shadow of {what}", what=_name(document, put)), plan, finish
+        )
 
     def _find_light(self, document: Document, frozen: Document, time: float) -> SceneLight:
         known = self._light
@@ -117,4 +122,4 @@ def _join(edit: Edit, steps: tuple[Edit, ...]) -> CompoundEdit:
 
 def _name(document: Document, put: Put) -> str:
     first = document.scene.table.instances.get(put.ids[0])
-    return first.name if first is not None and len(put.ids) == 1 else f"{len(put.ids)} things"
+    return first.name if first is not None and len(put.ids) == 1 else format_count(len(put.ids), "thing")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from instdrive_app.messages import user_message
 from instdrive_app.session.context import SessionContext
 from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.edits.document.frozen_copy import freeze_document
@@ -9,7 +10,7 @@ from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.shape.complete import CompleteInstance, make_completion
 from instdrive_core.errors import EditError
 from instdrive_core.progress import report
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 Ids = tuple[int, ...]
 
@@ -35,7 +36,7 @@ class CompletionController:
                 try:
                     found.append(make_completion(frozen, number))
                 except EditError as error:
-                    reasons.append(str(error))
+                    reasons.append(user_message(error))
             return found, reasons
 
         def finish(result: tuple[list[CompleteInstance], list[str]]) -> None:
@@ -45,10 +46,14 @@ class CompletionController:
             if document.history.cursor != seen:  # it was edited in the meantime: look again
                 self.complete(tuple(number for number in ids if number in document.scene.table))
                 return
-            title = f"Complete {describe_ids(tuple(edit.id for edit in found))}" if found else ""
+            title = (
+                phrase("Complete {objects}", objects=describe_ids(tuple(edit.id for edit in found))) if found else ""
+            )
             if found and self._context.apply(lambda: _join(found, title)):
                 what = names[found[0].id] if len(found) == 1 else format_count(len(found), "thing")
-                self._messages.info(f"{what}: the unseen side is now the mirror image of the other one")
+                self._messages.info(
+                    phrase("{what}: the unseen side is now the mirror image of the other one", what=what)
+                )
             for reason in reasons[:1] if found else reasons[:3]:
                 self._messages.error(reason)
 

@@ -19,6 +19,7 @@ from instdrive_core.edits.document.synthetic_rows import SYNTHETIC, find_shadow
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -42,7 +43,7 @@ class GrowInstance(AppendEdit):
     def do(self, document: Document) -> bool:
         """Add the splats and delete those that they replace."""
         if self.id not in document.scene.table:
-            raise EditError(f"there is no instance {self.id}")
+            raise EditError(phrase("there is no instance {id}", id=self.id))
         check_unlocked(document, (self.id,))
         self._entry_before = document.scene.table[self.id]
         self._new_column = SYNTHETIC not in document.scene.extra
@@ -94,7 +95,7 @@ def find_shown_body(document: Document, number: int) -> Int64[ndarray, " k"]:
     alive &= document.scene.nodes[rows] == document.scene.table[number].node
     rows = rows[alive & ~find_shadow(document, rows)]
     if not len(rows):
-        raise EditError(f"nothing is left of instance {number}")
+        raise EditError(phrase("nothing is left of instance {id}", id=number))
     return rows
 
 

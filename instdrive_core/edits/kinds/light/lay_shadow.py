@@ -32,6 +32,7 @@ from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import extract_scale
+from instdrive_core.wording import phrase
 
 _LIFT, _THICKNESS = 0.03, 0.005
 """Metres above the ground at which the dark splats lie, and their standard deviation across it."""
@@ -64,24 +65,30 @@ class LayShadow(GrowInstance):
 
     def __post_init__(self) -> None:
         if not is_whole(self.id) or self.id < 1:
-            raise EditError(f"id {self.id!r} is not a positive whole number")
+            raise EditError(phrase("id {id} is not a positive whole number", id=repr(self.id)))
         for name in ("contact", "sun_share"):
             value = check_number(getattr(self, name), name)
             if not 0 <= value <= MAX_DARKNESS:
-                raise EditError(f"{name} {value!r} is not 0 to {MAX_DARKNESS}")
+                raise EditError(phrase("{name} {value} is not 0 to {most}", name=name, value=value, most=MAX_DARKNESS))
             setattr(self, name, value)
         x, y = check_number_list(self.sun, "sun", 2)
         if np.hypot(x, y) > _MAX_SUN:
-            raise EditError(f"sun {self.sun!r} throws shadows longer than {_MAX_SUN:g} m for each metre of height")
+            raise EditError(
+                phrase(
+                    "sun {sun} throws shadows longer than {most:g} m for each metre of height",
+                    sun=self.sun,
+                    most=_MAX_SUN,
+                )
+            )
         self.sun = (x, y)
         self.softness, self.time = check_number(self.softness, "softness"), check_number(self.time, "time")
         if not 0.01 <= self.softness <= 2:
-            raise EditError(f"softness {self.softness!r} is not 0.01 to 2 metres")
+            raise EditError(phrase("softness {softness} is not 0.01 to 2 metres", softness=self.softness))
 
     @property
     def title(self) -> str:
         """``Lay shadow of instance 17``."""
-        return f"Lay shadow of instance {self.id}"
+        return phrase("Lay shadow of instance {id}", id=self.id)
 
     def find_replaced(self, document: Document) -> Int64[ndarray, " k"]:
         """The shadow that was laid before."""
@@ -96,15 +103,15 @@ class LayShadow(GrowInstance):
         points = document.compute_means(rows) @ pose[:3, :3].T + pose[:3, 3]
         size = np.quantile(points, 0.98, axis=0) - np.quantile(points, 0.02, axis=0)
         if size[2] < _MIN_SLENDER * size[:2].max():
-            raise EditError(f"instance {self.id} is a surface, which casts no shadow of its own")
+            raise EditError(phrase("instance {id} is a surface, which casts no shadow of its own", id=self.id))
         plane = self._find_ground(document, points)
         heights = points[:, 2] - plane[0] - points[:, :2] @ plane[1:]
         if estimate_foot(heights) > _MAX_FLOAT:
-            raise EditError(f"instance {self.id} does not stand on the ground")
+            raise EditError(phrase("instance {id} does not stand on the ground", id=self.id))
         light = SceneLight(self.contact, self.sun, self.sun_share, self.softness)
         shade = cast_shade(np.c_[points[:, :2], heights], light)
         if not len(shade.places):
-            raise EditError(f"instance {self.id} is too large to cast a shadow of its own")
+            raise EditError(phrase("instance {id} is too large to cast a shadow of its own", id=self.id))
         entry_number = find_main_entry(document, rows)
         move = document.transforms.matrices[entry_number]
         added = _build_splats(document.scene, shade, plane, _compose(pose, move), int(rows[0]))

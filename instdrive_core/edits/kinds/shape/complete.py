@@ -25,6 +25,7 @@ from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.transforms import extract_scale
+from instdrive_core.wording import phrase
 
 FORWARD = np.pi / 2
 """Heading of what drives, in the frame of its node."""
@@ -51,16 +52,16 @@ class CompleteInstance(GrowInstance):
 
     def __post_init__(self) -> None:
         if not is_whole(self.id) or self.id < 1:
-            raise EditError(f"id {self.id!r} is not a positive whole number")
+            raise EditError(phrase("id {id} is not a positive whole number", id=repr(self.id)))
         x, y = check_number_list(self.place, "place", 2)
         self.place, self.heading = (x, y), check_number(self.heading, "heading")
         if self.side not in (1, -1):
-            raise EditError(f"side {self.side!r} is neither 1 nor -1")
+            raise EditError(phrase("side {side} is neither 1 nor -1", side=self.side))
 
     @property
     def title(self) -> str:
         """``Complete instance 17``."""
-        return f"Complete instance {self.id}"
+        return phrase("Complete instance {id}", id=self.id)
 
     def find_replaced(self, document: Document) -> Int64[ndarray, " k"]:
         """What is on the side that was not seen, floaters included."""
@@ -74,7 +75,7 @@ class CompleteInstance(GrowInstance):
         rows = rows[find_main_parts(document.compute_means(rows).astype(np.float64))]
         rows = rows[self._measure(document, rows) > 0]
         if not len(rows):
-            raise EditError(f"instance {self.id} has nothing on that side of the plane")
+            raise EditError(phrase("instance {id} has nothing on that side of the plane", id=self.id))
         rows = rows[document.transforms.indices[rows] == find_main_entry(document, rows)]
         move = document.transforms.matrices[find_main_entry(document, rows)]
         added = mirror_gaussians(scene.gaussians.select(rows), self._plane, move)
@@ -99,21 +100,27 @@ def make_completion(document: Document, number: int) -> CompleteInstance:
     Raises EditError where both sides were seen, or no plane of symmetry is found.
     """
     if number not in document.scene.table:
-        raise EditError(f"there is no instance {number}")
+        raise EditError(phrase("there is no instance {id}", id=number))
     entry, gaussians = document.scene.table[number], document.scene.gaussians
     rows = find_shown_body(document, number)
     rows = rows[find_solid(sigmoid(gaussians.opacity_logits[rows]))]
     points = document.compute_means(rows).astype(np.float64)
     rows, points = rows[np.isfinite(points).all(axis=1)], points[np.isfinite(points).all(axis=1)]
     if len(rows) < FEWEST:
-        raise EditError(f"{entry.name} has too few splats to tell whether it is symmetric")
+        raise EditError(phrase("{name} has too few splats to tell whether it is symmetric", name=entry.name))
     colors = np.clip(color_from_dc(gaussians.sh_dc[rows]), 0, 1).astype(np.float64)
     plane = find_symmetry(points, colors, FORWARD if entry.node else None)
     if plane.agreement < LEAST_AGREEMENT:
-        raise EditError(f"{entry.name} does not look symmetric: {plane.agreement:.0%} of it has a counterpart")
+        raise EditError(
+            phrase(
+                "{name} does not look symmetric: {share:.0%} of it has a counterpart",
+                name=entry.name,
+                share=plane.agreement,
+            )
+        )
     side = find_seen_side(plane, points)
     if side == 0:
-        raise EditError(f"both sides of {entry.name} were seen: there is nothing to complete")
+        raise EditError(phrase("both sides of {name} were seen: there is nothing to complete", name=entry.name))
     return CompleteInstance(number, plane.place, plane.heading, side)
 
 
