@@ -252,7 +252,7 @@ def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: 
         return current
     chosen = current
     for key, title in entries:
-        if imgui.selectable(f"{translate(title)}###{key}", key == current)[0]:
+        if imgui.selectable(f"{translate(title)}###choice {key}", key == current)[0]:
             chosen = key
         ui.mark(f"export.{name}.{key}")
     imgui.end_combo()

@@ -134,7 +134,7 @@ class InstancesPanel:
         ui.mark("instances.classes")
         if imgui.begin_popup("##classes"):
             for name, count in classes:
-                if imgui.selectable(f"{name or translate(UNKNOWN)}  {count}###{name}", False)[0]:
+                if imgui.selectable(f"{name or translate(UNKNOWN)}  {count}###other {name}", False)[0]:
                     self._query = replace(self._query, class_name=name)
                 ui.mark(f"instances.class.{name or UNKNOWN}")
             imgui.end_popup()
