@@ -15,7 +15,7 @@ from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.project.open import open_document
 from instdrive_core.project.sources import SceneSources
 from instdrive_core.recording.annotations import find_annotated_tracks
-from instdrive_core.recording.lidar import OWN, build_sweep_caster, choose_lidar
+from instdrive_core.recording.lidar import OWN, Lidar, build_sweep_caster, choose_lidar
 from instdrive_core.recording.plan import RecordOptions, plan_rig_views, plan_views
 from instdrive_core.recording.sweep_files import CastSweep
 from instdrive_core.recording.things import find_moves
@@ -59,6 +59,8 @@ class Drive:
     """Casts the LiDAR's sweep of a moment; None where none is recorded."""
     sensor: str = ""
     """Which LiDAR that is: another one makes another recording."""
+    lidar: Lidar | None = None
+    """What `cast_sweep` casts, to be cast from anywhere."""
 
 
 def open_drive(path: Path, options: RecordOptions) -> Drive:
@@ -88,5 +90,15 @@ def take_drive(document: Document, options: RecordOptions) -> Drive:
     seen = Photographed(document.scene, left) if options.confidence or options.ego else None
     moves = find_moves(document)
     return Drive(
-        edited, views, moves, annotated, options.exposed, options.flow, seen, notes, cast_sweep, options.lidar or OWN
+        edited,
+        views,
+        moves,
+        annotated,
+        options.exposed,
+        options.flow,
+        seen,
+        notes,
+        cast_sweep,
+        options.lidar or OWN,
+        lidar,
     )

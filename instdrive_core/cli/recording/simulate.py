@@ -68,7 +68,7 @@ def simulate_drive(
         flow: Record optical flow, too.
         confidence: Record how far each pixel can be trusted, too; on by itself where the car's way is changed.
         lidar: The sensor whose sweeps are recorded, too: own (as the clip's sweeps show it), VLP-16, HDL-64E, OS1-128,
-            a JSON file that describes one, or none. Default: own, where the run's clip has sweeps.
+            PANDAR128, a JSON file that describes one, or none. Default: own, where the run's clip has sweeps.
         progress: How progress is shown: as a bar, or in lines `progress 0.25` for other programs.
         layout: Write the recording in layouts of data sets, too, each into OUT/layouts/NAME.
         expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.

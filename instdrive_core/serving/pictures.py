@@ -1,0 +1,111 @@
+"""Pictures that requests ask for: which camera, drawn, and packed."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+from PIL import Image
+
+from instdrive_core.rasterize.scene_view import view_scene
+from instdrive_core.scene.camera import Camera
+from instdrive_core.serving.messages import name_enum_value
+from instdrive_core.serving.requests import (
+    FrameSpan,
+    Limits,
+    RequestError,
+    read_frame,
+    read_pose_pair,
+    require_between,
+)
+from instdrive_core.serving.stage import Stage
+
+LEAST_SIDE = 8
+"""Pixels that a picture is wide and high at least."""
+_FOCAL = (1.0, 1e6)
+_USUAL_QUALITY = 95.0
+_FORMATS = ("UNDEFINED", "PNG", "JPEG", "RGB_UINT8_PLANAR")
+
+
+@dataclass(frozen=True)
+class PictureOrder:
+    """A picture as it is asked for, checked."""
+
+    camera: Camera
+    """At the middle of the frame."""
+    frame: FrameSpan
+    format: str
+    quality: int
+
+
+def read_picture_order(request: Any, last: float, limits: Limits) -> PictureOrder:
+    """Read what an RGBRenderRequest asks for.
+
+    Args:
+        request: its scene has been checked.
+        last: end of the drive, seconds.
+        limits: of sizes.
+
+    Raises RequestError naming the field that is wrong.
+    """
+    frame = read_frame(request, last)
+    if request.insert_ego_mask:
+        raise RequestError("insert_ego_mask", "true", "send false: this server knows no ego masks")
+    packing = name_enum_value("ImageFormat", request.image_format)
+    if packing not in _FORMATS:
+        raise RequestError("image_format", packing, f"send {', '.join(_FORMATS[1:])}")
+    quality = request.image_quality or _USUAL_QUALITY
+    require_between("image_quality", quality, 1, 100)
+    camera = _read_camera(request, limits)
+    return PictureOrder(camera, frame, packing, round(quality))
+
+
+def draw_ordered_picture(stage: Stage, request: Any, order: PictureOrder, limits: Limits) -> bytes:
+    """Draw a picture at the middle of its frame, and pack it."""
+    scene = stage.place(request.dynamic_objects, order.frame, limits)
+    color = view_scene(scene, order.camera, order.frame.middle).color
+    return _pack(np.round(np.clip(color, 0, 1) * 255).astype(np.uint8), order)
+
+
+def _read_camera(request: Any, limits: Limits) -> Camera:
+    spec, field = request.camera_intrinsics, "camera_intrinsics"
+    kind = spec.WhichOneof("camera_param")
+    if kind != "opencv_pinhole_param":
+        remedy = "send opencv_pinhole_param without distortion, such as get_available_cameras gives"
+        raise RequestError(f"{field}.camera_param", kind or "missing", remedy)
+    if spec.HasField("bivariate_windshield_model_param"):
+        raise RequestError(f"{field}.external_distortion", "a windshield", "leave it out: it is not drawn")
+    lens = spec.opencv_pinhole_param
+    for name in ("radial_coeffs", "tangential_coeffs", "thin_prism_coeffs"):
+        if any(getattr(lens, name)):
+            remedy = "send none or zeros: pictures are drawn without distortion"
+            raise RequestError(f"{field}.opencv_pinhole_param.{name}", list(getattr(lens, name)), remedy)
+    width, height = spec.resolution_w, spec.resolution_h
+    for name, value in (("resolution_w", width), ("resolution_h", height)):
+        require_between(f"{field}.{name}", value, LEAST_SIDE, limits.side)
+    lens_field = f"{field}.opencv_pinhole_param"
+    fx = require_between(f"{lens_field}.focal_length_x", lens.focal_length_x, *_FOCAL)
+    fy = require_between(f"{lens_field}.focal_length_y", lens.focal_length_y, *_FOCAL)
+    cx = require_between(f"{lens_field}.principal_point_x", lens.principal_point_x, -width, 2 * width)
+    cy = require_between(f"{lens_field}.principal_point_y", lens.principal_point_y, -height, 2 * height)
+    pose = read_pose_pair("sensor_pose", request.sensor_pose).middle
+    camera = Camera(fx, fy, cx, cy, width, height, pose)
+    asked = request.resolution_w or width, request.resolution_h or height
+    for name, value in zip(("resolution_w", "resolution_h"), asked, strict=True):
+        require_between(name, value, LEAST_SIDE, limits.side)
+    return camera if asked == (width, height) else camera.resize(*asked)
+
+
+def _pack(color: UInt8[ndarray, "h w 3"], order: PictureOrder) -> bytes:
+    if order.format == "RGB_UINT8_PLANAR":
+        return np.ascontiguousarray(color.transpose(2, 0, 1)).tobytes()
+    packed = io.BytesIO()
+    if order.format == "JPEG":
+        Image.fromarray(color).save(packed, "JPEG", quality=order.quality)
+    else:
+        Image.fromarray(color).save(packed, "PNG", compress_level=1)
+    return packed.getvalue()
