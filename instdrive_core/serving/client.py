@@ -14,7 +14,7 @@ from PIL import Image
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera
-from instdrive_core.serving.messages import SERVICE, find_enum_value, find_message_class, list_methods
+from instdrive_core.serving.messages import SERVICE, find_enum_value, find_message_class, list_methods, pack_message
 from instdrive_core.serving.requests import write_pose
 from instdrive_core.sweeps.rig import Rig
 
@@ -60,7 +60,7 @@ class SensorClient:
     def call(self, method: str, request: Any) -> Any:
         """Send a message, and return the answer. Raises grpc.RpcError, whose details say what is wrong."""
         kind = list_methods()[method][1]
-        send = self._channel.unary_unary(f"/{SERVICE}/{method}", lambda sent: sent.SerializeToString(), kind.FromString)
+        send = self._channel.unary_unary(f"/{SERVICE}/{method}", pack_message, kind.FromString)
         return send(request, timeout=self._timeout, wait_for_ready=True)
 
     def list_cameras(self) -> tuple[MountedCamera, ...]:

@@ -40,6 +40,11 @@ def find_enum_value(enum: str, name: str) -> int:
     return _load_pool().FindEnumTypeByName(f"{_PACKAGE}.{enum}").values_by_name[name].number
 
 
+def pack_message(message: Any) -> bytes:
+    """Pack a message as it is sent."""
+    return message.SerializeToString()
+
+
 def name_enum_value(enum: str, number: int) -> str:
     """Name an enum's value; the number itself where it has none."""
     value = _load_pool().FindEnumTypeByName(f"{_PACKAGE}.{enum}").values_by_number.get(number)

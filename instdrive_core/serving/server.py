@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from instdrive_core.errors import OptionError
-from instdrive_core.serving.messages import SERVICE, list_methods
+from instdrive_core.serving.messages import SERVICE, list_methods, pack_message
 from instdrive_core.serving.requests import RequestError
 from instdrive_core.serving.service import SensorService
 
@@ -43,7 +43,7 @@ class SensorServer:
         turn = threading.Lock()
         handlers = {
             name: grpc.unary_unary_rpc_method_handler(
-                _build_handler(getattr(service, name), kinds[0], turn), None, lambda answer: answer.SerializeToString()
+                _build_handler(getattr(service, name), kinds[0], turn), None, pack_message
             )
             for name, kinds in list_methods().items()
         }

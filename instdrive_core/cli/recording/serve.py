@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import signal
 from pathlib import Path
 from typing import Literal
@@ -47,8 +48,7 @@ def serve_drive(
     for option, value in (("--max-pixels", max_pixels), ("--max-requests", max_requests)):
         if value < 1:
             raise OptionError(f"{option} is {value}; it must be at least 1")
-    import grpc  # noqa: F401  # that it is missing is said before a large scene is opened
-
+    importlib.import_module("grpc")  # that it is missing is said before a large scene is opened
     limits = Limits(pixels=max_pixels, requests=max_requests)
     service, notes = open_sensor_service(scene, lidar, unnamed, limits)
     service.warm_up()
