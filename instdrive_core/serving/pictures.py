@@ -11,12 +11,14 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
+from instdrive_core.rasterize.rolling_shutter import Direction, RollingCamera, view_through_shutter
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera
 from instdrive_core.serving.messages import name_enum_value
 from instdrive_core.serving.requests import (
     FrameSpan,
     Limits,
+    PosePair,
     RequestError,
     read_frame,
     read_pose_pair,
@@ -28,6 +30,14 @@ LEAST_SIDE = 8
 """Pixels that a picture is wide and high at least."""
 _FOCAL = (1.0, 1e6)
 _USUAL_QUALITY = 95.0
+_SHUTTERS: dict[str, Direction | None] = {
+    "GLOBAL": None,
+    "ROLLING_TOP_TO_BOTTOM": "down",
+    "ROLLING_LEFT_TO_RIGHT": "right",
+    "ROLLING_BOTTOM_TO_TOP": "up",
+    "ROLLING_RIGHT_TO_LEFT": "left",
+    "UNKNOWN": None,
+}
 _FORMATS = ("UNDEFINED", "PNG", "JPEG", "RGB_UINT8_PLANAR")
 
 
@@ -37,6 +47,10 @@ class PictureOrder:
 
     camera: Camera
     """At the middle of the frame."""
+    poses: PosePair
+    """At its start and its end."""
+    direction: Direction | None
+    """Which way the exposed line goes; None where all lines are exposed at the middle of the frame."""
     frame: FrameSpan
     format: str
     quality: int
@@ -60,18 +74,26 @@ def read_picture_order(request: Any, last: float, limits: Limits) -> PictureOrde
         raise RequestError("image_format", packing, f"send {', '.join(_FORMATS[1:])}")
     quality = request.image_quality or _USUAL_QUALITY
     require_between("image_quality", quality, 1, 100)
-    camera = _read_camera(request, limits)
-    return PictureOrder(camera, frame, packing, round(quality))
+    poses = read_pose_pair("sensor_pose", request.sensor_pose)
+    shutter = name_enum_value("ShutterType", request.camera_intrinsics.shutter_type)
+    if shutter not in _SHUTTERS:
+        raise RequestError("camera_intrinsics.shutter_type", shutter, f"send {', '.join(_SHUTTERS)}")
+    camera = _read_camera(request, poses, limits)
+    return PictureOrder(camera, poses, _SHUTTERS[shutter], frame, packing, round(quality))
 
 
 def draw_ordered_picture(stage: Stage, request: Any, order: PictureOrder, limits: Limits) -> bytes:
-    """Draw a picture at the middle of its frame, and pack it."""
-    scene = stage.place(request.dynamic_objects, order.frame, limits)
-    color = view_scene(scene, order.camera, order.frame.middle).color
+    """Draw a picture, and pack it."""
+    scene, frame = stage.place(request.dynamic_objects, order.frame, limits), order.frame
+    if order.direction is None:
+        color = view_scene(scene, order.camera, frame.middle).color
+    else:
+        ends = order.poses.start, order.poses.end, frame.start, frame.end
+        color = view_through_shutter(scene, RollingCamera(order.camera, *ends, order.direction)).color
     return _pack(np.round(np.clip(color, 0, 1) * 255).astype(np.uint8), order)
 
 
-def _read_camera(request: Any, limits: Limits) -> Camera:
+def _read_camera(request: Any, poses: PosePair, limits: Limits) -> Camera:
     spec, field = request.camera_intrinsics, "camera_intrinsics"
     kind = spec.WhichOneof("camera_param")
     if kind != "opencv_pinhole_param":
@@ -92,8 +114,7 @@ def _read_camera(request: Any, limits: Limits) -> Camera:
     fy = require_between(f"{lens_field}.focal_length_y", lens.focal_length_y, *_FOCAL)
     cx = require_between(f"{lens_field}.principal_point_x", lens.principal_point_x, -width, 2 * width)
     cy = require_between(f"{lens_field}.principal_point_y", lens.principal_point_y, -height, 2 * height)
-    pose = read_pose_pair("sensor_pose", request.sensor_pose).middle
-    camera = Camera(fx, fy, cx, cy, width, height, pose)
+    camera = Camera(fx, fy, cx, cy, width, height, poses.middle)
     asked = request.resolution_w or width, request.resolution_h or height
     for name, value in zip(("resolution_w", "resolution_h"), asked, strict=True):
         require_between(name, value, LEAST_SIDE, limits.side)

@@ -79,6 +79,10 @@ BAD = {
     "a film": (spoil(image_format=6), "image_format is AV1; send PNG, JPEG, RGB_UINT8_PLANAR"),
     "unknown format": (spoil(image_format=99), "image_format is 99; send PNG"),
     "quality": (spoil(image_quality=101.0), "image_quality is 101; send a number from 1 to 100"),
+    "shutter": (
+        spoil(camera_intrinsics__shutter_type=77),
+        "camera_intrinsics.shutter_type is 77; send GLOBAL, ROLLING",
+    ),
     "ego mask": (spoil(insert_ego_mask=True), "insert_ego_mask is true; send false"),
     "no such thing": (lambda request: add_objects(request, "a" * 500), "dynamic_objects[0].track_id is 'aaaa"),
     "nothing": (lambda request: add_objects(request, "0"), "is '0'; name a thing by the editor's ID ("),

@@ -10,10 +10,11 @@ from benchmarks.serving import measure_serving
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.rasterize.rolling_shutter import RollingCamera, view_through_shutter
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.serving.client import build_picture_request
 from instdrive_core.serving.messages import find_enum_value, find_message_class
-from instdrive_core.serving.requests import RequestError
+from instdrive_core.serving.requests import RequestError, write_pose
 from instdrive_core.serving.service import open_sensor_service
 from instdrive_core.serving.stage import find_object_pose
 
@@ -107,6 +108,29 @@ def test_the_picture_has_the_size_that_the_request_names(client, view):
     assert packed[:2] == b"\xff\xd8"
     small = client.draw(view.camera.resize(100, 60), view.time)
     assert small.shape == (60, 100, 3)
+
+
+@pytest.mark.parametrize(
+    ("shutter", "direction"),
+    [("ROLLING_TOP_TO_BOTTOM", "down"), ("ROLLING_RIGHT_TO_LEFT", "left"), ("GLOBAL", None), ("UNKNOWN", None)],
+)
+def test_a_rolling_shutter_shows_what_moves_in_the_frame(client, service, scene, view, shutter, direction):
+    end = view.camera.world_from_camera.copy()
+    end[:3, 3] += [0, 0.6, 0]
+    request = build_picture_request(view.camera, view.time)
+    request.sensor_pose.end_pose.CopyFrom(write_pose(end))
+    request.frame_end_us += 40_000
+    request.camera_intrinsics.shutter_type = find_enum_value("ShutterType", shutter)
+    middle = end - 0.5 * (end - view.camera.world_from_camera)
+    camera = replace(view.camera, world_from_camera=middle)
+    if direction is None:
+        expected = view_scene(scene, camera, view.time + 0.02).color
+    else:
+        ends = view.camera.world_from_camera, end, view.time, view.time + 0.04
+        expected = view_through_shutter(scene, RollingCamera(camera, *ends, direction)).color
+    request.image_format = find_enum_value("ImageFormat", "RGB_UINT8_PLANAR")
+    planes = np.frombuffer(client.call("render_rgb", request).image_bytes, np.uint8).reshape(3, 240, 400)
+    assert apart(planes.transpose(1, 2, 0), np.round(np.clip(expected, 0, 1) * 255)) < 0.05
 
 
 def test_a_sweep_has_the_walls_distance_in_the_sensors_axes(client, view):
