@@ -58,8 +58,13 @@ class RollingCamera:
 
 def view_through_shutter(scene: Scene, rolling: RollingCamera) -> Preview:
     """Draw the scene as `view_scene` does, each line at its own moment."""
-    frame = view_scene(replace(skew_scene(scene, rolling), sky=None), rolling.camera, rolling.time)
-    return frame if scene.sky is None else replace(frame, color=frame.color + _show_sky(scene, rolling, frame.alpha))
+    return view_skewed(skew_scene(scene, rolling), rolling)
+
+
+def view_skewed(skewed: Scene, rolling: RollingCamera) -> Preview:
+    """Draw what `skew_scene` made of a scene; the sky is shown by lines, too."""
+    frame = view_scene(replace(skewed, sky=None), rolling.camera, rolling.time)
+    return frame if skewed.sky is None else replace(frame, color=frame.color + _show_sky(skewed, rolling, frame.alpha))
 
 
 def skew_scene(scene: Scene, rolling: RollingCamera) -> Scene:

@@ -13,6 +13,7 @@ from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.errors import OptionError
 from instdrive_core.masks.export.id_maps import choose_views
 from instdrive_core.recording.ego_path import EgoChange, reroute_views
+from instdrive_core.recording.shutter import Shutter
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 
@@ -42,6 +43,8 @@ class RecordOptions:
     """Whether confidence maps are recorded."""
     lidar: str | None = None
     """`own`, `none`, a sensor's name or a JSON file; None: the clip's own where its sweeps are at hand."""
+    shutter: Shutter | None = None
+    """How cameras expose their lines; None: all at once."""
 
 
 def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
