@@ -17,7 +17,7 @@ from instdrive_core.project.open import open_document
 from instdrive_core.project.sources import SceneSources
 from instdrive_core.recording.annotations import find_annotated_tracks
 from instdrive_core.recording.lidar import OWN, Lidar, build_sweep_caster, choose_lidar
-from instdrive_core.recording.plan import RecordOptions, plan_rig_views, plan_views
+from instdrive_core.recording.plan import RecordOptions, plan_camera_views, plan_rig_views, plan_views
 from instdrive_core.recording.shutter import RollingRig, build_rolling_rig
 from instdrive_core.recording.sweep_files import CastSweep
 from instdrive_core.recording.things import find_moves
@@ -92,7 +92,12 @@ def take_drive(document: Document, options: RecordOptions) -> Drive:
     left = np.flatnonzero(~document.state.find_mask(Flag.DELETED))
     lidar = choose_lidar(options.lidar, None if is_turned else run, document.scene, left)
     cast_sweep = build_sweep_caster(edited, lidar, plan_rig_views(edited, options)) if lidar is not None else None
-    notes = tuple(each for each in (note, *(lidar.notes if lidar is not None else ())) if each)
+    own = {view.name for view in edited.views}
+    foreign = sorted({view.name for view in views} - own)
+    plain = ""
+    if options.exposed and foreign and edited.exposures is not None:
+        plain = f"the scene's own colours are recorded of {', '.join(foreign)}: no photo says how they expose"
+    notes = tuple(each for each in (note, plain, *(lidar.notes if lidar is not None else ())) if each)
     seen = Photographed(document.scene, left) if options.confidence or options.ego else None
     moves = find_moves(document)
     return Drive(
@@ -106,6 +111,6 @@ def take_drive(document: Document, options: RecordOptions) -> Drive:
         notes,
         cast_sweep,
         options.lidar or OWN,
-        None if options.shutter is None else build_rolling_rig(options.shutter, plan_rig_views(edited, options)),
+        None if options.shutter is None else build_rolling_rig(options.shutter, plan_camera_views(edited, options)),
         lidar,
     )

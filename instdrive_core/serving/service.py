@@ -11,8 +11,9 @@ import numpy as np
 
 from instdrive_core.masks.export.id_maps import choose_views
 from instdrive_core.recording.drive import open_drive
-from instdrive_core.recording.plan import RecordOptions
+from instdrive_core.recording.plan import RecordOptions, plan_camera_views
 from instdrive_core.recording.things import find_boxed_things
+from instdrive_core.scene.camera import CameraView
 from instdrive_core.serving.client import build_picture_request
 from instdrive_core.serving.messages import find_enum_value, find_message_class
 from instdrive_core.serving.pictures import draw_ordered_picture, read_picture_order
@@ -33,6 +34,8 @@ class SensorService:
     stage: Stage
     lidar: ServedLidar
     rig: Rig
+    views: tuple[CameraView, ...]
+    """Of the cameras that are listed, at all moments."""
     last: float
     """End of the drive, seconds."""
     limits: Limits = USUAL_LIMITS
@@ -43,7 +46,7 @@ class SensorService:
 
     def warm_up(self) -> None:
         """Draw and cast once, so that the first request does not wait for what is compiled."""
-        first, pose = self.stage.scene.views[0], write_pose(self.rig.world_from_rig[0])
+        first, pose = self.views[0], write_pose(self.rig.world_from_rig[0])
         camera = first.camera.resize(64, 64)
         self.render_rgb(build_picture_request(camera, max(first.time, 0.0)))
         pair = find_message_class("PosePair")(start_pose=pose, end_pose=pose)
@@ -135,7 +138,7 @@ class SensorService:
     def _describe_cameras(self) -> list[Any]:
         described, seen = [], set[str]()
         spec, lens = find_message_class("CameraSpec"), find_message_class("OpenCVPinholeCameraParam")
-        for view in self.stage.scene.views:
+        for view in self.views:
             if view.name in seen:
                 continue
             seen.add(view.name)
@@ -165,7 +168,11 @@ class SensorService:
 
 
 def open_sensor_service(
-    path: Path, lidar: str | None = None, unnamed: Unnamed = "drive", limits: Limits = USUAL_LIMITS
+    path: Path,
+    lidar: str | None = None,
+    unnamed: Unnamed = "drive",
+    limits: Limits = USUAL_LIMITS,
+    cameras: Path | None = None,
 ) -> tuple[SensorService, tuple[str, ...]]:
     """Open a run, a scene folder or a project to be served; also what the user should know.
 
@@ -175,14 +182,17 @@ def open_sensor_service(
             requests name by themselves, PANDAR128.
         unnamed: what moving things do that a request does not name.
         limits: what one client may cost.
+        cameras: JSON file of the cameras that are listed; None: the drive's own.
 
     Raises DataError, SceneTooLargeError and OptionError as opening a drive does.
     """
-    drive = open_drive(path, RecordOptions(lidar=lidar or AS_ASKED))
+    options = RecordOptions(lidar=lidar or AS_ASKED, rig=cameras)
+    drive = open_drive(path, options)
     assert drive.lidar is not None
     views = choose_views(drive.scene)
     stage = build_stage(drive.scene, find_boxed_things(drive.scene, drive.moves, drive.annotated), unnamed)
     ends = [view.time for view in views] + [float(track.times[-1]) for track in drive.scene.actors]
     name = path.resolve().stem or "scene"
     served = ServedLidar(drive.lidar, lidar is not None)
-    return SensorService(name, stage, served, build_rig(views), max(ends), limits), drive.notes
+    listed = plan_camera_views(drive.scene, options)
+    return SensorService(name, stage, served, build_rig(views), listed, max(ends), limits), drive.notes

@@ -1,5 +1,6 @@
 """Pictures and sweeps from a real server are those of the scene, with things where the request places them."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +13,10 @@ from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.rasterize.rolling_shutter import RollingCamera, view_through_shutter
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.serving.client import build_picture_request
+from instdrive_core.serving.client import SensorClient, build_picture_request
 from instdrive_core.serving.messages import find_enum_value, find_message_class
 from instdrive_core.serving.requests import RequestError, write_pose
+from instdrive_core.serving.server import SensorServer
 from instdrive_core.serving.service import open_sensor_service
 from instdrive_core.serving.stage import find_object_pose
 
@@ -208,3 +210,18 @@ def test_the_benchmark_measures_pictures_and_sweeps(street):
     assert 0 < found["serve_ms"] <= found["serve_worst_ms"] < 60_000
     assert found["serve_splats"] > 10_000
     assert found["serve_size"] == "480x288"
+
+
+def test_another_rig_is_listed(street, tmp_path):
+    file = tmp_path / "rig.json"
+    high = {"name": "high", "like": "front_camera", "move_m": [0, 0, 1]}
+    file.write_text(json.dumps({"cameras": [high]}))
+    service, _ = open_sensor_service(street, cameras=file)
+    with SensorServer(service) as server, SensorClient(server.address) as client:
+        (camera,) = client.list_cameras()
+        way = client.fetch_way()
+        own = next(view for view in service.stage.scene.views if view.name == "front_camera" and view.index == 4)
+        mounted = camera.mount(way.world_from_rig[4])
+        assert camera.name == "high"
+        assert np.linalg.norm(mounted.position - own.camera.position) == pytest.approx(1.0, abs=1e-4)
+        assert client.draw(mounted, way.times[4]).shape == (240, 400, 3)

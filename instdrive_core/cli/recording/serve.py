@@ -23,6 +23,7 @@ def serve_drive(
     port: int = PORT,
     host: str = LOCAL[0],
     lidar: str | None = None,
+    rig: Path | None = None,
     unnamed: Literal["drive", "gone"] = "drive",
     max_pixels: int = Limits.pixels,
     max_requests: int = Limits.requests,
@@ -36,6 +37,8 @@ def serve_drive(
             asked for a password.
         lidar: The sensor whose sweeps are cast: own (as the clip's sweeps show it), PANDAR128, VLP-16, HDL-64E, OS1-128
             or a JSON file that describes one. Default: PANDAR128, the one that AlpaSim's requests name.
+        rig: JSON file of the cameras that are listed instead of the drive's own, as `instdrive simulate` takes it. A request
+            may describe any other camera.
         unnamed: What moving things do that a request does not name: drive on as recorded, or be gone.
         max_pixels: Pixels of all pictures that one request may ask for.
         max_requests: Requests in flight; more are refused at once.
@@ -50,7 +53,7 @@ def serve_drive(
             raise OptionError(f"{option} is {value}; it must be at least 1")
     importlib.import_module("grpc")  # that it is missing is said before a large scene is opened
     limits = Limits(pixels=max_pixels, requests=max_requests)
-    service, notes = open_sensor_service(scene, lidar, unnamed, limits)
+    service, notes = open_sensor_service(scene, lidar, unnamed, limits, rig)
     service.warm_up()
     for note in notes:
         print(note)
