@@ -30,6 +30,8 @@ class Limits:
 
     pixels: int = 16_000_000
     """All pictures of a request together may have."""
+    pictures: int = 64
+    """That a request may ask for, and sweeps."""
     side: int = 8192
     """Width or height of a picture, pixels."""
     requests: int = 8

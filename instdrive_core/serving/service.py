@@ -58,6 +58,7 @@ class SensorService:
 
     def batch_render_rgb(self, request: Any) -> Any:
         """Draw several cameras' pictures; all are drawn, or the request is refused."""
+        self._check_count("items", len(request.items))
         item = find_message_class("BatchRGBRenderReturnItem")
         drawn = self._draw([each.request for each in request.items])
         items = zip(request.items, drawn, strict=True)
@@ -72,9 +73,7 @@ class SensorService:
 
     def render_aggregated(self, request: Any) -> Any:
         """Draw pictures and cast sweeps."""
-        if len(request.lidar_requests) > self.limits.requests:
-            found = f"{len(request.lidar_requests)} requests long"
-            raise RequestError("lidar_requests", found, f"send at most {self.limits.requests}")
+        self._check_count("rgb_requests and lidar_requests", len(request.rgb_requests) + len(request.lidar_requests))
         return find_message_class("AggregatedRenderReturn")(
             rgb_returns=self._draw(list(request.rgb_requests)),
             lidar_returns=[self.render_lidar(each) for each in request.lidar_requests],
@@ -130,6 +129,10 @@ class SensorService:
         answer = find_message_class("RGBRenderReturn")
         pairs = zip(requests, orders, strict=True)
         return [answer(image_bytes=draw_ordered_picture(self.stage, each, order, self.limits)) for each, order in pairs]
+
+    def _check_count(self, field: str, count: int) -> None:
+        if count > self.limits.pictures:
+            raise RequestError(field, f"{count} long", f"send at most {self.limits.pictures}")
 
     def _check_scene(self, name: str) -> None:
         if name not in (self.name, *_ANY_SCENE):

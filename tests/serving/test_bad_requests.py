@@ -110,6 +110,17 @@ def test_after_all_that_it_still_draws(client, service, picture):
     assert len(client.call("render_rgb", picture).image_bytes) > 100
 
 
+def test_long_lists_of_pictures_are_refused(client, picture):
+    batch = find_message_class("BatchRGBRenderRequest")()
+    for _ in range(65):
+        batch.items.add(request=picture)
+    with pytest.raises(grpc.RpcError, match="items is 65 long; send at most 64"):
+        client.call("batch_render_rgb", batch)
+    both = find_message_class("AggregatedRenderRequest")(rgb_requests=[picture] * 65)
+    with pytest.raises(grpc.RpcError, match="rgb_requests and lidar_requests is 65 long; send at most 64"):
+        client.call("render_aggregated", both)
+
+
 def test_sweeps_are_checked_alike(client):
     request = find_message_class("LidarRenderRequest")(scene_id="other")
     for field in ("scene_id", "sensor_pose.start_pose"):

@@ -37,8 +37,8 @@ def serve_drive(
             asked for a password.
         lidar: The sensor whose sweeps are cast: own (as the clip's sweeps show it), PANDAR128, VLP-16, HDL-64E, OS1-128
             or a JSON file that describes one. Default: PANDAR128, the one that AlpaSim's requests name.
-        rig: JSON file of the cameras that are listed instead of the drive's own, as `instdrive simulate` takes it. A request
-            may describe any other camera.
+        rig: JSON file of the cameras that are listed instead of the drive's own, as `instdrive simulate` takes it. A
+            request may describe any other camera.
         unnamed: What moving things do that a request does not name: drive on as recorded, or be gone.
         max_pixels: Pixels of all pictures that one request may ask for.
         max_requests: Requests in flight; more are refused at once.
