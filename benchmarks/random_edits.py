@@ -21,7 +21,7 @@ _STILL_DELETED = 0.05
 """Share of draws that may delete all the same."""
 ROOM, SPLATS_PER_EDIT = 600, 0.3
 """By so many splats the document may grow, at once and with each edit of its history."""
-_ADDING = ("duplicate_instances", "insert_scene", "fill_hole", "start_driving")
+_ADDING = ("duplicate_instances", "lay_shadow", "complete_instance", "insert_scene", "fill_hole", "start_driving")
 _DELETING = ("delete_instances", "delete_selected", "delete_rows")
 _MODES = ("replace", "add", "remove")
 _CLASSES = ("", "Car", "Bus", "Vegetation")
@@ -85,6 +85,7 @@ class RandomEdits:
         return {
             "absorb_floaters": lambda: {"id": one()},
             "adjust_instances": lambda: {"ids": ids(), **self._adjustment()},
+            "complete_instance": self._completion,
             "compound": self._compound,
             "delete_instances": lambda: {"ids": ids()},
             "delete_rows": lambda: {"rows": self._runs(scattered=0)},
@@ -97,6 +98,7 @@ class RandomEdits:
             "hide_rows": lambda: {"rows": self._runs(scattered=0), "hidden": pick((True, False))},
             "insert_scene": lambda: {"path": self._inserted, "translation": self._shift()},
             "invert_selection": dict,
+            "lay_shadow": self._shadow,
             "lock_instances": lambda: {"ids": ids(), "locked": pick((True, False, False))},
             "merge_instances": lambda: {"ids": (chosen := ids()), "into": pick(chosen)},
             "move_instances": self._move,
@@ -170,6 +172,16 @@ class RandomEdits:
         scale = self._float(0.8, 1.25) if self._rng.random() < 0.3 else 1.0
         numbers = {"translation": self._shift(), "rotation": rotation, "scale": scale, "time": self._float(0, 0.5)}
         return {"ids": self._ids(), **numbers, **switches}
+
+    def _completion(self) -> dict[str, Any]:
+        number = self._one()
+        low, high = np.array(self._document.scene.table.instances[number].bounds) if number > 1 else np.zeros((2, 3))
+        place = ((low + high) / 2)[:2].tolist()
+        return {"id": number, "place": place, "heading": self._float(0, 3.1), "side": self._pick((1, -1))}
+
+    def _shadow(self) -> dict[str, Any]:
+        light = {"contact": self._float(0, 0.8), "sun_share": self._pick((0.0, 0.5)), "softness": self._float(0.1, 0.5)}
+        return {"id": self._one(), "sun": self._shift()[:2], "time": self._float(0, 0.5), **light}
 
     def _turn(self) -> dict[str, Any]:
         """Mostly quarter turns; scales that do not grow or shrink the scene out of all bounds."""

@@ -20,6 +20,7 @@ import json
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -41,9 +42,13 @@ from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.document.frozen_copy import freeze_document
+from instdrive_core.edits.holes.scene_light import estimate_light
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.light.cast_shadows import find_put, plan_shadows
 from instdrive_core.edits.kinds.move import MoveInstances
-from instdrive_core.errors import InstDriveError
+from instdrive_core.edits.kinds.shape.complete import make_completion
+from instdrive_core.errors import EditError, InstDriveError
 from instdrive_core.evaluation.metrics.held_out import HeldOutView, measure_held_out_view
 from instdrive_core.evaluation.metrics.image_metrics import psnr
 from instdrive_core.evaluation.metrics.map_scores import score_views
@@ -249,11 +254,17 @@ def _edit_both(street: Street, document: Document, owners: dict[str, int], durat
     for number, shift in moves.items():
         actors[number] = replace(actors[number], route=_shift_route(street, number, shift))
     edited = replace(street, actors=tuple(actors))
+    light = estimate_light(document, 0.0)
     for number in moves:
         poses = [known.world_from_street() @ known.box_pose(known.actors[number], 0.0) for known in (street, edited)]
         x, y, z = (poses[1] - poses[0])[:3, 3].tolist()
         stands = not street.actors[number].route.speed
-        _clean_up(document, owner[number], MoveInstances((owner[number],), (x, y, z)), stands)
+        with suppress(EditError):  # both sides were seen
+            document.apply(make_completion(document, owner[number]))
+        move = MoveInstances((owner[number],), (x, y, z))
+        _clean_up(document, owner[number], move, stands)
+        for shadow in plan_shadows(freeze_document(document), find_put(move), light, 0.0):
+            document.apply(shadow)
     _clean_up(document, owner[gone], DeleteInstances((owner[gone],)), True)
     # Its number stays taken, so that the others keep theirs: what was deleted is put far below the street.
     whole = street.actors[gone].model

@@ -105,6 +105,16 @@ def _list_changes(session: EditorSession) -> list[Action]:
             undoable=True,
         ),
         Action(
+            "edit.complete",
+            "Complete by symmetry",
+            run_on_instances(session, lambda: session.completion.complete(session.selection.ids)),
+            "Edit",
+            enabled=lambda: not session.selection.is_empty,
+            icon="ICON_FA_CIRCLE_HALF_STROKE",
+            words=("mirror", "far side", "unseen", "back", "repair"),
+            undoable=True,
+        ),
+        Action(
             "edit.rename",
             "Rename…",
             run_on_instances(session, lambda: session.requests.put(AskName(session.selection.ids[0]))),

@@ -13,7 +13,7 @@ from instdrive_core.edits.kinds.driving.ways import Template
 
 LANE = 3.5
 """Metres to the next lane."""
-SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
+SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane", "move.lay_shadows")
 """IDs of the actions that constrain moves."""
 
 
@@ -56,6 +56,28 @@ def _list_moves(session: EditorSession) -> list[Action]:
             "Move",
             enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_ARROW_ROTATE_LEFT",
+            undoable=True,
+        ),
+        Action(
+            "move.add_shadow",
+            "Lay a shadow",
+            run_on_instances(session, lambda: session.shadows.add(session.selection.ids)),
+            "Move",
+            enabled=has_selection,
+            icon="ICON_FA_CLOUD_SUN",
+            words=("shade", "sun", "light", "ground", "dark"),
+            separator=True,
+            undoable=True,
+        ),
+        Action(
+            "move.remove_shadow",
+            "Remove the laid shadow",
+            lambda: session.shadows.remove(session.selection.ids),
+            "Move",
+            enabled=lambda: session.shadows.has_shadow(session.selection.ids),
+            icon="ICON_FA_SUN",
+            words=("shade", "sun", "light"),
+            needs="Select something below which a shadow was laid",
             undoable=True,
         ),
         Action(
@@ -104,8 +126,9 @@ def _list_ways(session: EditorSession) -> list[Action]:
 
 
 def _list_constraints(session: EditorSession) -> list[Action]:
-    """List the constraints of moves."""
+    """List the constraints of moves, and what follows them."""
     movement = session.movement
+
     return [
         Action(
             "move.on_ground",
@@ -142,6 +165,15 @@ def _list_constraints(session: EditorSession) -> list[Action]:
             "Move",
             checked=lambda: movement.options.along_lane,
             icon="ICON_FA_ROAD",
+        ),
+        Action(
+            "move.lay_shadows",
+            "Give moved and added things a shadow",
+            _toggle_option(movement.options, "lays_shadows"),
+            "Move",
+            checked=lambda: movement.options.lays_shadows,
+            icon="ICON_FA_CLOUD_SUN",
+            words=("shade", "sun", "light", "contact"),
         ),
     ]
 

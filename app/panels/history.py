@@ -8,6 +8,7 @@ from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Ui, fit_text, get_icon, scale_pixels
 from instdrive_app.preferences.themes import ACCENT, DIM, TEXT
 from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.registry import EDIT_KINDS
 from instdrive_core.wording import format_count
 
@@ -71,9 +72,16 @@ def _draw_step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
             ImVec2(at.x - scale_pixels(3), at.y + height + 1),
             pack_color(ACCENT),
         )
-    glyph = get_icon(EDIT_KINDS[edit.kind].icon if edit is not None else "ICON_FA_FOLDER_OPEN")
+    glyph = get_icon(_find_icon(edit) if edit is not None else "ICON_FA_FOLDER_OPEN")
     tone = imgui.get_color_u32(rgba(ACCENT) if present else rgba(DIM, 0.5 if undone else 1.0))
     draw.add_text(ImVec2(at.x + (width - scale_pixels(6) - imgui.calc_text_size(glyph).x) / 2, at.y), tone, glyph)
     draw.add_text(ImVec2(at.x + width, at.y), imgui.get_color_u32(color), fitted)
     imgui.pop_style_color()
     return clicked
+
+
+def _find_icon(edit: Edit) -> str:
+    """The icon of an edit; of a step that is made of several, that of the first."""
+    while isinstance(edit, CompoundEdit) and edit.edits:
+        edit = edit.edits[0]
+    return EDIT_KINDS[edit.kind].icon

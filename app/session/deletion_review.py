@@ -18,8 +18,9 @@ from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.edits.kinds.compound import CompoundEdit
-from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
+from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows, DeleteSelected
 from instdrive_core.edits.kinds.fill_hole import FillHole
+from instdrive_core.edits.kinds.light.lay_shadow import LayShadow
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
 from instdrive_core.errors import EditError
@@ -75,7 +76,9 @@ class DeletionFindings:
         return self._is_done(self.deletion) and (self.residue_count > 0 or self.hole is not None)
 
     def _is_done(self, edit: Edit | None) -> bool:
-        return edit is not None and any(each is edit for each in self.document.history.done)
+        return edit is not None and any(
+            part is edit for each in self.document.history.done for part in _list_parts(each)
+        )
 
 
 @dataclass
@@ -131,8 +134,8 @@ class DeletionReview:
     def tick(self, seconds: float, is_dragging: bool) -> None:
         """Review a move once it has been the last step for a moment; called once a frame."""
         document = self._context.document
-        last = document.history.done[-1] if document is not None and document.history.done else None
-        if not isinstance(last, MoveInstances) or any(edit is last for edit in self._known):
+        last = _find_move(document.history.done[-1]) if document is not None and document.history.done else None
+        if last is None or any(edit is last for edit in self._known):
             self._last = (None, 0.0)
             return
         waited = self._last[1] + seconds if self._last[0] is last else 0.0
@@ -144,7 +147,8 @@ class DeletionReview:
     def store(self) -> list[list[float]]:
         """Convert what is pending into JSON values: the number of each edit in the history, and the time."""
         document = self._context.document
-        numbers = {id(edit): number for number, edit in enumerate(document.history.edits)} if document else {}
+        edits = document.history.edits if document is not None else ()
+        numbers = {id(part): number for number, edit in enumerate(edits) for part in _list_parts(edit)}
         return [[numbers[id(found.deletion)], found.time] for found in self.pending if id(found.deletion) in numbers]
 
     def resume(self, stored: object) -> None:
@@ -153,10 +157,12 @@ class DeletionReview:
         if document is None:
             return
         edits = document.history.done
-        self._findings, self._known = [], [edit for edit in edits if isinstance(edit, MoveInstances)]
+        moves = [_find_move(edit) for edit in edits]
+        self._findings, self._known = [], [move for move in moves if move is not None]
         subjects = _read_subjects(stored, document)
         if subjects is None:
-            reviewed = [edit for edit in edits if isinstance(edit, (DeleteInstances, DeleteSelected, MoveInstances))]
+            parts = [_find_move(edit) or edit for edit in edits]
+            reviewed = [edit for edit in parts if isinstance(edit, (DeleteInstances, DeleteSelected, MoveInstances))]
             subjects = [_Subject(edit, self._context.state.time) for edit in reviewed[-MOST_RESUMED:]]
         for subject in subjects:
             if isinstance(subject.edit, MoveInstances):
@@ -186,10 +192,8 @@ class DeletionReview:
         )
         if not ids or len(ids) > MOST_INSTANCES or is_known:
             return
-        first = dict(document.first_tracks)
 
         def look(frozen: Document) -> DeletionReport | None:
-            frozen.set_first_tracks(first)
             rows = frozen.find_rows(ids)
             before = frozen.compute_means(rows)
             if not ResetMoves(ids).do(frozen) and not any(frozen.scene.table[number].node for number in ids):
@@ -309,8 +313,24 @@ def _read_subjects(stored: object, document: Document) -> list[_Subject] | None:
             return None
         number, time = int(entry[0]), float(entry[1])
         if 0 <= number < len(edits) and np.isfinite(time):
-            subjects.append(_Subject(edits[number], time))
+            subjects.append(_Subject(_find_move(edits[number]) or edits[number], time))
     return subjects
+
+
+def _list_parts(edit: Edit) -> tuple[Edit, ...]:
+    """An edit and, where it is a step with its shadow, what the step was made of."""
+    return (edit, *edit.edits) if isinstance(edit, CompoundEdit) else (edit,)
+
+
+def _find_move(edit: Edit) -> MoveInstances | None:
+    """The move that an edit is, alone or with the shadow that was laid after it."""
+    if isinstance(edit, CompoundEdit) and len(edit.edits) > 1 and all(_is_shadow(part) for part in edit.edits[1:]):
+        edit = edit.edits[0]
+    return edit if isinstance(edit, MoveInstances) else None
+
+
+def _is_shadow(edit: Edit) -> bool:
+    return isinstance(edit, (LayShadow, DeleteRows))
 
 
 def _list_added(edit: Edit) -> tuple[int, ...]:

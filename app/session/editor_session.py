@@ -23,6 +23,7 @@ from instdrive_app.session.files.opening import OpenedDocument
 from instdrive_app.session.history_controller import HistoryController
 from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
+from instdrive_app.session.light.shadow_controller import ShadowController
 from instdrive_app.session.making.drive_recorder import DriveRecorder
 from instdrive_app.session.making.job_controller import JobController
 from instdrive_app.session.making.run_comparison import RunComparison
@@ -31,6 +32,7 @@ from instdrive_app.session.navigation import Navigation
 from instdrive_app.session.reference_pictures import ReferencePictures
 from instdrive_app.session.requests import OfferCleanup, RequestQueue, do_nothing
 from instdrive_app.session.selection_controller import SelectionController
+from instdrive_app.session.shape.completion_controller import CompletionController
 from instdrive_app.session.showing.path_controller import PathController
 from instdrive_app.session.turn_controller import TurnController
 from instdrive_app.session.value_filter import ValueFilter
@@ -81,6 +83,8 @@ class EditorSession:
         self.colors = ColorController(context)
         self.labels = LabelController(context)
         self.movement = MoveController(context)
+        self.shadows = ShadowController(context, self.movement.options)
+        self.completion = CompletionController(context)
         self.deletion = DeletionController(context)
         self.orientation = TurnController(context, self.navigation, self._follow_turn)
         self.insertion = InsertController(context, self.movement, self.orientation.ask_about_inserted)
@@ -174,6 +178,7 @@ class EditorSession:
         self._deferred_bounds.tick()
         self.navigation.tick(seconds)
         self.camera_path.tick(seconds)
+        self.shadows.tick(seconds, self.movement.drag is not None)
         self.deletion.review.tick(seconds, self.movement.drag is not None)
         self.state.is_solo = bool(self.visibility.solo.ids)
         self.state.safe_colors = self.preferences.current.safe_colors

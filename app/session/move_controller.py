@@ -42,7 +42,7 @@ Ids = tuple[int, ...]
 
 @dataclass
 class MoveOptions:
-    """Constraints of moves."""
+    """Constraints of moves, and what follows them."""
 
     on_ground: bool = False
     along_lane: bool = False
@@ -50,6 +50,8 @@ class MoveOptions:
     """None: vehicles and actors turn about the vertical only."""
     body_only: bool = True
     """Whether what drives turns on its path; otherwise its whole drive turns."""
+    lays_shadows: bool = True
+    """Whether what is put somewhere gets a shadow."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from instdrive_app.panels.widgets.ui import Ui
+from instdrive_core.edits.kinds.light.lay_shadow import find_shadowed
 from instdrive_core.scene.selection import Flag
 
 
@@ -65,6 +66,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         "path_keys": [key.at for key in session.camera_path.keys],
         "selected": list(session.selection.ids),
         "selected_splats": int(np.count_nonzero(document.state.find_mask(Flag.SELECTED))),
+        "shadowed": sorted(find_shadowed(document)),
         "visible": list(document.find_visible_instances()),
         "history": [edit.title for edit in document.history.edits],
         "cursor": document.history.cursor,

@@ -8,7 +8,7 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.tools.pick import PickTool
 
 OPTIONS: dict[Operation, tuple[str, ...]] = {
-    "move": ("move.on_ground", "move.along_lane"),
+    "move": ("move.on_ground", "move.along_lane", "move.lay_shadows"),
     "rotate": ("move.yaw_only", "move.body_only", "move.on_ground"),
     "scale": ("move.on_ground",),
 }

@@ -11,6 +11,7 @@ from instdrive_core.cli.arguments import check_known_ids, choose_time, find_defa
 from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.driving.path_options import PathOptions
 from instdrive_core.cli.edit_options import EditOptions
+from instdrive_core.cli.light.shadow_options import ShadowOptions
 from instdrive_core.cli.nurec_options import NurecOptions
 from instdrive_core.cli.part_options import PartOptions
 from instdrive_core.cli.turn_options import TurnOptions
@@ -47,6 +48,7 @@ def apply(
     after_deletion: Annotated[DeletionOptions, tyro.conf.OmitArgPrefixes] = DeletionOptions(),  # noqa: B008 (frozen)
     parts: Annotated[PartOptions, tyro.conf.OmitArgPrefixes] = PartOptions(),  # noqa: B008 (frozen)
     paths: Annotated[PathOptions, tyro.conf.OmitArgPrefixes] = PathOptions(),  # noqa: B008 (frozen)
+    light: Annotated[ShadowOptions, tyro.conf.OmitArgPrefixes] = ShadowOptions(),  # noqa: B008 (frozen)
     exchange: Annotated[NurecOptions, tyro.conf.OmitArgPrefixes] = NurecOptions(),  # noqa: B008 (frozen)
     edits: Path | None = None,
     time: float | None = None,
@@ -71,6 +73,7 @@ def apply(
         after_deletion: What is told of deletions, and done about what they leave.
         parts: What is written besides the whole scene, or instead of it.
         paths: Other ways for vehicles, after those other edits.
+        light: Shadows below what is put somewhere; edits of a file (--edits) lay only those they name.
         exchange: What is taken from NVIDIA NuRec and handed over to it.
         edits: File with one edit as JSON per line, done before the others.
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
@@ -83,11 +86,12 @@ def apply(
     is_turned = any(isinstance(step, TurnScene) for step in first)
     done = _find_upright_objects(document, first) if find_objects else []
     steps = [*first[len(done) :]]
-    steps += more.edits(document, shown, is_turned)
-    steps += paths.edits(document)
+    placed = [*more.edits(document, shown, is_turned), *paths.edits(document)]
+    steps += placed
     steps += _collect_edits(document.scene, delete, recolor, recolor_mode, rename)
     for edit in (*exchange.read_edits(document), *steps):
         document.apply(edit)
+    light.follow(document, placed, shown)
     after_deletion.follow(document, [*done, *steps], shown)
     rows = parts.rows(document)
     if is_project(out):

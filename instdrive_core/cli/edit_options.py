@@ -20,6 +20,7 @@ from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import InvertSelection, SelectClass, SelectInstances
+from instdrive_core.edits.kinds.shape.complete import make_completion
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.errors import OptionError
 from instdrive_core.instances.table import InstanceTable
@@ -38,6 +39,8 @@ class EditOptions:
     """Instances that become part of another, as INTO=ID,ID,…"""
     split: tuple[int, ...] = ()
     """IDs of instances to be split into the parts that do not hang together."""
+    complete: tuple[int, ...] = ()
+    """IDs of things, such as parked cars, whose unseen side becomes the mirror image of the side that was seen."""
     set_class: tuple[str, ...] = ()
     """New classes as ID=CLASS."""
     adjust: tuple[str, ...] = ()
@@ -75,6 +78,7 @@ class EditOptions:
         steps += [AbsorbFloaters(number) for number in check_known_ids(self.absorb, table)] if self.absorb else []
         steps += [_parse_merge(text, table) for text in self.merge]
         steps += [SplitInstance(number) for number in check_known_ids(self.split, table)] if self.split else []
+        steps += [make_completion(document, number) for number in self._find_incomplete(table)]
         for text in self.set_class:
             number, name = parse_assignment(text, "--set-class 4=Car")
             steps.append(SetClass(check_known_ids([number], table), name))
@@ -88,6 +92,9 @@ class EditOptions:
             kept = SelectInstances(check_known_ids(self.keep, table))
             steps.append(_build_deletion(kept, InvertSelection(), name=f"Keep {describe_ids(kept.ids)} only"))
         return steps
+
+    def _find_incomplete(self, table: InstanceTable) -> tuple[int, ...]:
+        return check_known_ids(self.complete, table) if self.complete else ()
 
     def _move(self, text: str, table: InstanceTable, time: float) -> MoveInstances:
         ids, values = _parse_numbers(text, "--move 4=1.5,0,0 or --move 4=0,0,0,90", table, 3, 5)

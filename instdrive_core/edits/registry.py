@@ -19,6 +19,7 @@ from instdrive_core.edits.kinds.find_objects import FindObjects
 from instdrive_core.edits.kinds.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.kinds.hide_rows import HideRows
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.light.lay_shadow import LayShadow
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.paint import PaintInstances
@@ -35,6 +36,7 @@ from instdrive_core.edits.kinds.select import (
     SelectNone,
 )
 from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.kinds.shape.complete import CompleteInstance
 from instdrive_core.edits.kinds.solo import SoloInstances
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.edits.kinds.turn_scene import TurnScene
@@ -74,6 +76,7 @@ EDIT_KINDS: dict[str, EditKind] = {
     for kind in (
         EditKind(AbsorbFloaters, "ICON_FA_BROOM"),
         EditKind(AdjustInstances, "ICON_FA_SLIDERS", is_old=True),
+        EditKind(CompleteInstance, "ICON_FA_CLONE"),
         EditKind(CompoundEdit, "ICON_FA_LAYER_GROUP", nested="edits"),
         EditKind(DeleteInstances, "ICON_FA_TRASH"),
         EditKind(DeleteRows, "ICON_FA_TRASH"),
@@ -86,6 +89,7 @@ EDIT_KINDS: dict[str, EditKind] = {
         EditKind(HideRows, "ICON_FA_CROP_SIMPLE"),
         EditKind(InsertScene, "ICON_FA_FILE_IMPORT"),
         EditKind(InvertSelection, "ICON_FA_CIRCLE_HALF_STROKE"),
+        EditKind(LayShadow, "ICON_FA_CLOUD_SUN"),
         EditKind(LockInstances, "ICON_FA_LOCK"),
         EditKind(MergeInstances, "ICON_FA_OBJECT_GROUP"),
         EditKind(MoveInstances, "ICON_FA_ARROWS_UP_DOWN_LEFT_RIGHT"),

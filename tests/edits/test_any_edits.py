@@ -102,6 +102,14 @@ simple_edits = (
     entries("insert_scene", path=st.just("other.ply")),
     entries("set_path", id=st.integers(1, 9), keys=ways),
     entries("start_driving", id=st.integers(1, 9), keys=ways),
+    entries(
+        "complete_instance",
+        id=st.integers(1, 9),
+        place=st.sampled_from([[0.0, 0.0], [0.0, 2.0]]),
+        heading=st.sampled_from([0.0, 1.5]),
+        side=st.sampled_from([1, -1]),
+    ),
+    entries("lay_shadow", id=st.integers(1, 9), contact=st.sampled_from([0.0, 0.6]), time=st.sampled_from([0.0, 0.3])),
     st.sampled_from([0, 1]).map(lambda seed: {"kind": "fill_hole", **EXAMPLES["fill_hole"], "seed": seed}),
 )
 edits = st.one_of(

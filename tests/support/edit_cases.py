@@ -48,6 +48,7 @@ def rich_document() -> Document:
 EXAMPLES = {
     "absorb_floaters": {"id": CAR},
     "adjust_instances": {"ids": [CAR], "what": "brightness", "amount": 1.5},
+    "complete_instance": {"id": CAR, "place": [0.0, 2.0], "heading": 0.1, "side": -1},
     "compound": {"edits": [{"kind": "select_none"}, {"kind": "show_all"}], "name": "two at once"},
     "delete_instances": {"ids": [PAIR, TAXI]},
     "delete_rows": {"rows": [[3, 2], [9, 4]]},
@@ -66,6 +67,7 @@ EXAMPLES = {
     "hide_rows": {"rows": [[3, 2], [9, 4]]},
     "insert_scene": {"path": "other.ply", "translation": [1.0, 0.0, 0.0]},
     "invert_selection": {},
+    "lay_shadow": {"id": CAR, "contact": 0.5, "sun": [0.5, 0.2], "sun_share": 0.4},
     "lock_instances": {"ids": [TAXI]},
     "merge_instances": {"ids": [PAIR], "into": CAR},
     "move_instances": {"ids": [CAR, TAXI], "translation": [1.0, 0.0, 0.0], "scale": 1.5, "time": 0.1},

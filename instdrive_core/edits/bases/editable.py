@@ -11,6 +11,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.edits.document.row_kernels import keep_free_rows
 from instdrive_core.edits.document.row_parts import RowParts
+from instdrive_core.edits.document.synthetic_rows import find_shadow
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
 
@@ -35,6 +36,16 @@ def find_editable_parts(document: Document, ids: tuple[int, ...]) -> RowParts:
         rows = parts.rows[parts.bounds[first] : parts.bounds[first + 1]]
         raise _not_editable_error(ids[first : first + 1], bool(((flags[rows] & Flag.LOCKED) != 0).any()))
     return free
+
+
+def find_colorable_parts(document: Document, ids: tuple[int, ...]) -> RowParts:
+    """Find the rows of `find_editable_parts` without shadows that were laid, which stay black.
+
+    Those of an instance that is nothing else count.
+    """
+    parts = find_editable_parts(document, ids)
+    bodies = parts.filter(~find_shadow(document, parts.rows))
+    return bodies if bodies.sizes.all() else parts
 
 
 def _not_editable_error(ids: tuple[int, ...], locked: bool) -> EditError:

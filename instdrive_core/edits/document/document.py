@@ -135,6 +135,11 @@ class Document:
         self._outermost = edit
         self.history.apply(edit, self, gesture)
 
+    def replace_last(self, edit: Edit) -> None:
+        """Do an edit in place of the last one, which is undone first, as `History.replace_last` does."""
+        self._outermost = edit
+        self.history.replace_last(edit, self)
+
     def undo(self) -> Edit | None:
         """Undo one step; returns its edit, or None where nothing is left."""
         return self.history.undo(self)

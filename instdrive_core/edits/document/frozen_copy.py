@@ -10,7 +10,7 @@ from instdrive_core.scene.selection import Flag
 
 
 def freeze_document(document: Document) -> Document:
-    """A document of its own without history, colours or first tracks that shares all arrays which edits never write.
+    """A document of its own without history or colours that shares all arrays which edits never write.
 
     It costs a few bytes per splat. Splats that are taken away by undo and replaced by others later may change in it:
     `fingerprint` tells whether what was found out still holds.
@@ -25,5 +25,6 @@ def freeze_document(document: Document) -> Document:
     for flag in Flag:
         frozen.state.change(document.state.find_rows(flag), flag, True)
     frozen.transforms = deepcopy(document.transforms)
+    frozen.set_first_tracks(document.first_tracks)
     frozen.replace_surroundings(scene.views, scene.sky, document.orientation)
     return frozen

@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.compact_objects import SYNTHETIC
+from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, compute_blend_weights
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings

@@ -16,13 +16,14 @@ from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind, check_adjustment, compute_adjustment
-from instdrive_core.edits.bases.editable import find_editable_parts
+from instdrive_core.edits.bases.editable import find_colorable_parts, find_editable_parts
 from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.edits.document.entries import PartsChange
 from instdrive_core.edits.document.row_kernels import keep_free_rows
 from instdrive_core.edits.document.row_parts import RowParts
+from instdrive_core.edits.document.synthetic_rows import drop_shadows
 from instdrive_core.edits.kinds.color import ColorEdit
 from instdrive_core.edits.queries.mean_colors import compute_mean_colors
 from instdrive_core.scene.palette import DRAWN, pack_color_entries
@@ -54,7 +55,8 @@ class SetAdjustment(ColorEdit):
 
     def do(self, document: Document) -> bool:
         """Add the changed entries and point the instances' rows at them."""
-        parts = find_editable_parts(document, self.ids)
+        find_parts = find_editable_parts if self.what == "opacity" else find_colorable_parts
+        parts = find_parts(document, self.ids)
         return self.assign(document, parts, self._make_change(document, parts))
 
     def _make_change(self, document: Document, parts: RowParts) -> PartsChange:
@@ -118,7 +120,7 @@ class AdjustmentSummary:
 
 def summarize_adjustments(document: Document, ids: Iterable[int]) -> AdjustmentSummary:
     """Adjustments that instances show now, deleted splats left out. Raises EditError for an unknown ID."""
-    rows = document.find_rows(ids)
+    rows = drop_shadows(document, document.find_rows(ids))
     palette = document.colors
     alive = keep_free_rows(rows, np.array([0, len(rows)]), document.state.flags, np.uint8(Flag.DELETED))[0]
     named = np.zeros(len(palette), bool)

@@ -10,7 +10,7 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_core.edits.bases.adjustments import LUMA, compute_hue, compute_hue_rotations, compute_hues
-from instdrive_core.edits.bases.editable import find_editable_parts, find_editable_rows
+from instdrive_core.edits.bases.editable import find_colorable_parts, find_editable_rows
 from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit, describe_ids
@@ -84,7 +84,7 @@ class RecolorInstances(ColorEdit):
 
     def do(self, document: Document) -> bool:
         """Add one entry per instance and point the instance's rows at it."""
-        parts = find_editable_parts(document, self.ids)
+        parts = find_colorable_parts(document, self.ids)
         matrices = compute_recolor_matrices(document.scene.gaussians, parts, self.mode, self.color)
         return self.assign(
             document, parts, lambda values, part: pack_color_entries(matrices[part], values[:, DRAWN - 1])

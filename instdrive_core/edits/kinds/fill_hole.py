@@ -24,6 +24,7 @@ from instdrive_core.edits.bases.parameters import (
 from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
+from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.edits.holes.backdrop import plan_backdrop
 from instdrive_core.edits.holes.cast_shadow import find_shaded_cells, lies_in_shade
 from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill, plan_nothing
@@ -32,7 +33,6 @@ from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, gather_photo_evidence
 from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.edits.queries.bake import bake_document
-from instdrive_core.edits.queries.compact_objects import SYNTHETIC
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag

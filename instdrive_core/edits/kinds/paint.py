@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.bases.adjustments import LUMA
 from instdrive_core.edits.bases.body_color import RGB, find_body_color, find_rows_near_color
-from instdrive_core.edits.bases.editable import find_editable_parts
+from instdrive_core.edits.bases.editable import find_colorable_parts
 from instdrive_core.edits.bases.parameters import check_ids, check_number
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import describe_ids
@@ -56,7 +56,7 @@ class PaintInstances(ColorEdit):
     def do(self, document: Document) -> bool:
         """Add one entry per instance for what is painted, and point the rest at the trained colours."""
         gaussians, rows, sizes, matrices = document.scene.gaussians, [], [], []
-        for part in find_editable_parts(document, self.ids):
+        for part in find_colorable_parts(document, self.ids):
             reference = self.reference or find_body_color(gaussians, part)
             near = find_rows_near_color(gaussians, part, reference, self.tolerance)
             painted = np.zeros((3, 4))

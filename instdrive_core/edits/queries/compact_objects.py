@@ -9,12 +9,11 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject, fit_compact_object
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
 
-SYNTHETIC = "synthetic"
-"""Name of the per-splat column that is 1 for splats no photo was the reason for, and the class of their instances."""
 FAR_STRAYS = replace(DEFAULT_CONFIG, stray_share=0.06)
 """For an instance whose bounds are an object's though more splats than usual lie far from it."""
 

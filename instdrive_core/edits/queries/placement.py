@@ -66,10 +66,26 @@ def compute_bottom(document: Document, ids: Sequence[int], matrix: Similarity, t
 
 def find_ground_below(document: Document, ids: Sequence[int], place: Float[ndarray, "3"]) -> float:
     """Height (metres) of the ground below a place, without the instances. Raises EditError where there is none."""
+    return float(find_ground_heights(document, ids, place[None])[0])
+
+
+def find_ground_heights(
+    document: Document, ids: Sequence[int], places: Float[ndarray, "k 3"]
+) -> Float64[ndarray, " k"]:
+    """Heights (metres) of the ground below places close to one another, without the instances.
+
+    Raises EditError where there is none below one of them.
+    """
+    middle, heights = (places.min(axis=0) + places.max(axis=0)) / 2, np.full(len(places), np.nan)
+    apart = float(np.abs(places - middle)[:, :2].max())
     for radius in RADII:
-        height = estimate_ground_height(_gather_background(document, ids, place, radius), place, (radius,))
-        if height is not None:
-            return height
+        around = _gather_background(document, ids, middle, radius + apart)
+        for number in np.flatnonzero(np.isnan(heights)).tolist():
+            height = estimate_ground_height(around, places[number], (radius,))
+            heights[number] = np.nan if height is None else height
+        if not np.isnan(heights).any():
+            return heights
+    place = places[np.isnan(heights)][0]
     raise EditError(f"there is no ground within {RADII[-1]:g} m of x = {place[0]:.1f}, y = {place[1]:.1f}")
 
 

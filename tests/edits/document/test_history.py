@@ -105,3 +105,35 @@ def test_compound_edits_undo_in_reverse_and_are_all_or_nothing():
     with pytest.raises(EditError):
         history.apply(CompoundEdit((Say("c"), Say("bad")), "Say worse"), document)
     assert (document.said, history.cursor) == (["a", "b"], 1)
+
+
+def test_the_last_edit_can_grow():
+    history, document = History(), Words()
+    history.apply(Say("a"), document)
+    history.apply(Say("b"), document, "a drag")
+    history.replace_last(CompoundEdit((history.done[-1], Say("c")), "b and more"), document)
+    assert (document.said, [edit.title for edit in history.done]) == (["a", "b", "c"], ["Say a", "b and more"])
+    history.apply(Say("d"), document, "a drag")
+    assert document.said == ["a", "d"]
+    history.apply(Say("e"), document)
+    history.replace_last(CompoundEdit((Say("e"), Say("f")), "both"), document)
+    history.apply(Say("g"), document)
+    assert document.said == ["a", "d", "e", "f", "g"]
+    history.undo(document)
+    history.undo(document)
+    assert document.said == ["a", "d"]
+
+
+def test_an_edit_that_cannot_take_the_place_of_the_last_one_leaves_it():
+    history, document = History(), Words()
+    with pytest.raises(ValueError, match="only the last edit"):
+        history.replace_last(Say("a"), document)
+    history.apply(Say("a"), document)
+    with pytest.raises(EditError):
+        history.replace_last(CompoundEdit((Say("a"), Say("bad")), "both"), document)
+    assert (document.said, history.cursor) == (["a"], 1)
+    history.apply(Say("b"), document)
+    assert document.said == ["a", "b"]
+    history.undo(document)
+    with pytest.raises(ValueError, match="only the last edit"):
+        history.replace_last(Say("c"), document)

@@ -307,7 +307,7 @@ class WindowDriver:
 
     def type(self, text):
         """Type text into what has the keyboard."""
-        subprocess.run(["xdotool", "type", "--delay", "15", text], check=True, capture_output=True)
+        subprocess.run(["xdotool", "type", "--delay", "15", "--", text], check=True, capture_output=True)
         self._xdotool()
         self.wait_for_frames()
 

@@ -52,6 +52,8 @@ def export_scene(window, path):
 
 def read_points(vertices, instance):
     part = vertices[vertices["instance_id"] == instance]
+    if "synthetic" in part.dtype.names:  # the shadow that was laid where it stands
+        part = part[part["synthetic"] != 2]
     return np.stack([part["x"], part["y"], part["z"]], axis=1).astype(float)
 
 

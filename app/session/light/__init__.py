@@ -1,0 +1,1 @@
+"""Light: shadows of what is put somewhere."""

@@ -1,0 +1,120 @@
+"""Shadows: laid below what was moved, copied or inserted, once it stays where it is, or on request."""
+
+from __future__ import annotations
+
+from weakref import ref
+
+from instdrive_app.session.context import SessionContext
+from instdrive_app.session.move_controller import MoveOptions
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit, describe_ids
+from instdrive_core.edits.document.frozen_copy import freeze_document
+from instdrive_core.edits.holes.scene_light import estimate_light
+from instdrive_core.edits.holes.shade import SceneLight
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.delete import DeleteRows
+from instdrive_core.edits.kinds.light.cast_shadows import Put, find_put, plan_shadows
+from instdrive_core.edits.kinds.light.lay_shadow import find_shadow_rows, make_lay_shadow
+
+SETTLE_SECONDS = 0.4
+"""Time for which an edit stays the last step before what it has put somewhere gets a shadow."""
+Ids = tuple[int, ...]
+
+
+class ShadowController:
+    """Lays and removes shadows of the open document's things; those laid by themselves are part of the step before."""
+
+    def __init__(self, context: SessionContext, options: MoveOptions) -> None:
+        self._context, self._jobs, self._messages = context, context.jobs, context.messages
+        self._options = options
+        self._looked: tuple[ref[Document], Edit | None] | None = None
+        """The document, and its last step that was dealt with."""
+        self._waited = 0.0
+        self._last: Edit | None = None
+        self._light: tuple[ref[Document], SceneLight] | None = None
+
+    def has_shadow(self, ids: Ids) -> bool:
+        """Whether a shadow was laid below any of the instances."""
+        document = self._context.document
+        return document is not None and any(len(find_shadow_rows(document, number)) for number in ids)
+
+    def tick(self, seconds: float, is_dragging: bool) -> None:
+        """Lay shadows once the last step stays for a moment; called once a frame."""
+        document = self._context.document
+        last = document.history.done[-1] if document is not None and document.history.done else None
+        if document is None or self._looked is None or self._looked[0]() is not document:
+            # What was done before a document was opened stays as it was saved.
+            self._looked = None if document is None else (ref(document), last)
+            return
+        is_new = last is not self._looked[1] and document.history.next is None and self._options.lays_shadows
+        if last is None or not is_new or not find_put(last).ids:
+            self._looked, self._last = (ref(document), last), None
+            return
+        self._waited = self._waited + seconds if self._last is last else 0.0
+        self._last = last
+        if self._waited >= SETTLE_SECONDS and not is_dragging:
+            self._looked = (ref(document), last)
+            self._follow(document, last)
+
+    def add(self, ids: Ids) -> None:
+        """Lay a shadow below instances, wherever they stand; says why one gets none."""
+        document, time = self._context.document, self._context.state.time
+        if document is None or not ids:
+            return
+        frozen = freeze_document(document)
+
+        def finish(light: SceneLight) -> None:
+            if self._context.document is document:
+                self._light = (ref(document), light)
+                steps = tuple(make_lay_shadow(number, light, time) for number in ids)
+                title = f"Lay shadows of {describe_ids(ids)}"
+                self._context.apply(lambda: steps[0] if len(steps) == 1 else CompoundEdit(steps, title))
+
+        self._jobs.submit(
+            "Looking for the light", lambda: self._find_light(document, frozen, time), finish, modal=False
+        )
+
+    def remove(self, ids: Ids) -> None:
+        """Take the shadows away that were laid below instances."""
+        document = self._context.document
+        if document is None:
+            return
+        steps = tuple(DeleteRows(rows) for number in ids if len(rows := find_shadow_rows(document, number)))
+        if steps:
+            self._context.apply(lambda: CompoundEdit(steps, f"Remove the shadow of {describe_ids(ids)}"))
+
+    def _follow(self, document: Document, last: Edit) -> None:
+        """Lay the shadows of what the last step has put somewhere, and make them part of that step."""
+        put, time, frozen = find_put(last), self._context.state.time, freeze_document(document)
+
+        def plan() -> tuple[SceneLight, tuple[Edit, ...]]:
+            light = self._find_light(document, frozen, time)
+            return light, plan_shadows(frozen, put, light, time)
+
+        def finish(found: tuple[SceneLight, tuple[Edit, ...]]) -> None:
+            light, steps = found
+            self._light = (ref(document), light)
+            history = document.history
+            if self._context.document is not document or not steps or history.next is not None:
+                return
+            if history.done and history.done[-1] is last and not self._jobs.is_blocking:
+                joined = _join(last, steps)
+                document.replace_last(joined)
+                self._looked = (ref(document), joined)
+
+        self._jobs.submit_in_background(f"Looking for the shadow of {_name(document, put)}", plan, finish)
+
+    def _find_light(self, document: Document, frozen: Document, time: float) -> SceneLight:
+        known = self._light
+        return known[1] if known is not None and known[0]() is document else estimate_light(frozen, time)
+
+
+def _join(edit: Edit, steps: tuple[Edit, ...]) -> CompoundEdit:
+    if isinstance(edit, CompoundEdit):
+        return CompoundEdit((*edit.edits, *steps), edit.name)
+    return CompoundEdit((edit, *steps), edit.title)
+
+
+def _name(document: Document, put: Put) -> str:
+    first = document.scene.table.instances.get(put.ids[0])
+    return first.name if first is not None and len(put.ids) == 1 else f"{len(put.ids)} things"

@@ -1,0 +1,1 @@
+"""Shape: what was never seen of a thing."""

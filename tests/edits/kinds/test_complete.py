@@ -1,0 +1,140 @@
+"""A car of which one side was seen becomes whole; what is whole or lopsided is told."""
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from document_snapshot import snapshot
+from half_seen_car import CAR, PLACE, TURN, car_surface, half_seen_car, scene_of
+from scipy.spatial import KDTree
+
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.kinds.select import SelectInstances
+from instdrive_core.edits.kinds.shape.complete import CompleteInstance, make_completion, mirror_gaussians
+from instdrive_core.edits.queries.symmetry import Symmetry, find_seen_side, find_symmetry
+from instdrive_core.edits.serialize import edit_from_json
+from instdrive_core.errors import EditError
+from instdrive_core.maths.rotations import matrix_from_quaternion
+from instdrive_core.maths.spherical_harmonics import evaluate_view_colors
+from instdrive_core.scene.selection import Flag
+
+
+@pytest.fixture(scope="module")
+def car():
+    return half_seen_car()
+
+
+@pytest.fixture
+def document(car):
+    return Document(deepcopy(car))
+
+
+def test_the_plane_goes_through_the_middle_along_the_car(document):
+    edit = make_completion(document, CAR)
+    plane = Symmetry(edit.place, edit.heading, 1.0)
+    assert abs(plane.measure(np.array([[*PLACE, 0.0]]))[0]) < 0.06
+    assert abs(np.sin(edit.heading - TURN)) < np.radians(2)
+    right = np.array([[*(PLACE + 0.9 * np.array([np.sin(TURN), -np.cos(TURN)])), 0.7]])
+    assert edit.side * plane.measure(right)[0] > 0, "the seen side is the right one"
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seen", [-1, 1])
+def test_the_far_side_is_there_afterwards_and_its_haze_is_gone(seed, seen):
+    document = Document(half_seen_car(seed, seen))
+    whole, _ = car_surface(np.random.default_rng(seed + 100), 4000)
+    far = whole[whole[:, 1] * seen < -0.85]
+    axes = np.array([[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]])
+    far[:, :2] = far[:, :2] @ axes + PLACE
+    before, _ = alive_tree(document).query(far)
+    document.apply(make_completion(document, CAR))
+    after, _ = alive_tree(document).query(far)
+    assert np.quantile(after, 0.95) < 0.2
+    assert np.quantile(before, 0.95) > 0.25
+    shown = document.scene.gaussians.sh_dc[alive(document)]
+    assert (shown[:, 2] - shown[:, 0]).max() < 0.5, "no blue haze is left"
+
+
+def alive(document):
+    return np.flatnonzero((document.state.flags & Flag.DELETED) == 0)
+
+
+def alive_tree(document):
+    return KDTree(document.compute_means(alive(document)))
+
+
+def test_it_is_marked_selected_and_undone(document):
+    document.apply(SelectInstances((CAR,)))
+    before = snapshot(document)
+    document.apply(make_completion(document, CAR))
+    after = snapshot(document)
+    column = document.scene.extra["synthetic"]
+    assert set(np.unique(column).tolist()) == {0, 3}
+    assert (document.state.flags[column == 3] == Flag.SELECTED).all()
+    document.undo()
+    assert snapshot(document) == before
+    document.redo()
+    assert snapshot(document) == after
+
+
+def test_a_moved_and_scaled_car_is_completed_where_it_stands(document):
+    document.apply(MoveInstances((CAR,), (3.0, 1.0, 0.0), (0.9, 0.1, 0.0, 0.3), 1.4))
+    edit = make_completion(document, CAR)
+    document.apply(edit)
+    rows = alive(document)
+    points = document.compute_means(rows).astype(float)
+    apart, _ = KDTree(points).query(Symmetry(edit.place, edit.heading, 1.0).mirror(points))
+    assert np.quantile(apart, 0.99) < 0.01
+
+
+def test_ellipsoids_and_what_shows_along_each_direction_are_mirrored(car):
+    plane, move = Symmetry((1.0, 2.0), 0.4, 1.0), np.c_[np.eye(3), np.zeros(3)]
+    one = car.gaussians.select(np.arange(50))
+    twin = mirror_gaussians(one, plane, move)
+    flip = np.eye(3) - 2 * np.outer([*plane.normal, 0], [*plane.normal, 0])
+
+    def covariances(gaussians):
+        axes = matrix_from_quaternion(gaussians.quats.astype(float)) * np.exp(gaussians.log_scales)[:, None]
+        return axes @ axes.transpose(0, 2, 1)
+
+    np.testing.assert_allclose(covariances(twin), flip @ covariances(one) @ flip, atol=1e-6)
+    np.testing.assert_allclose(plane.mirror(twin.means.astype(float)), one.means, atol=1e-5)
+    directions = np.tile([0.6, -0.48, 0.64], (50, 1)).astype(np.float32)
+    np.testing.assert_allclose(
+        evaluate_view_colors(twin.sh_dc, twin.sh_rest, directions @ flip.astype(np.float32)),
+        evaluate_view_colors(one.sh_dc, one.sh_rest, directions),
+        atol=1e-5,
+    )
+
+
+def test_a_car_that_was_seen_from_both_sides_is_left_alone():
+    rng = np.random.default_rng(0)
+    points, colors = car_surface(rng, 5000)
+    plane = find_symmetry(points, colors)
+    assert find_seen_side(plane, points) == 0
+    document = Document(scene_of(rng, points, colors, np.full(len(points), CAR, np.uint32)))
+    with pytest.raises(EditError, match="both sides of Car 3 were seen"):
+        make_completion(document, CAR)
+
+
+def test_what_is_lopsided_small_or_unknown_is_told(car):
+    rng = np.random.default_rng(0)
+    heap = rng.uniform(0, 1, (900, 3)) ** [1, 3, 2] * [4, 2, 1.5]
+    document = Document(scene_of(rng, heap, rng.random((900, 3)), np.full(900, CAR, np.uint32)))
+    with pytest.raises(EditError, match="Car 3 does not look symmetric"):
+        make_completion(document, CAR)
+    few = Document(scene_of(rng, heap[:50], rng.random((50, 3)), np.full(50, CAR, np.uint32)))
+    with pytest.raises(EditError, match="too few splats"):
+        make_completion(few, CAR)
+    with pytest.raises(EditError, match="there is no instance 99"):
+        make_completion(document, 99)
+    with pytest.raises(EditError, match="nothing on that side"):
+        document.apply(CompleteInstance(CAR, (0.0, 90.0), 0.0, 1))
+    with pytest.raises(EditError, match="side 0 is neither 1 nor -1"):
+        CompleteInstance(CAR, side=0)
+
+
+def test_files_keep_all_of_it():
+    edit = CompleteInstance(CAR, (1.5, -2.25), 0.5, -1)
+    assert edit_from_json(edit.to_json()) == edit
