@@ -35,7 +35,7 @@ class SensorService:
     lidar: ServedLidar
     rig: Rig
     views: tuple[CameraView, ...]
-    """Of the cameras that are listed, at all moments."""
+    """Views of the cameras that are listed, at all moments."""
     last: float
     """End of the drive, seconds."""
     limits: Limits = USUAL_LIMITS
