@@ -11,9 +11,11 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
+from instdrive_core.rasterize.lens import LensRays, view_through_lens
 from instdrive_core.rasterize.rolling_shutter import Direction, RollingCamera, view_through_shutter
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera
+from instdrive_core.serving.lenses import trace_lens
 from instdrive_core.serving.messages import name_enum_value
 from instdrive_core.serving.requests import (
     FrameSpan,
@@ -23,6 +25,7 @@ from instdrive_core.serving.requests import (
     read_frame,
     read_pose_pair,
     require_between,
+    require_pixels,
 )
 from instdrive_core.serving.stage import Stage
 
@@ -30,6 +33,7 @@ LEAST_SIDE = 8
 """Pixels that a picture is wide and high at least."""
 _FOCAL = (1.0, 1e6)
 _USUAL_QUALITY = 95.0
+_DISTORTIONS = ("radial_coeffs", "tangential_coeffs", "thin_prism_coeffs")
 _SHUTTERS: dict[str, Direction | None] = {
     "GLOBAL": None,
     "ROLLING_TOP_TO_BOTTOM": "down",
@@ -49,6 +53,8 @@ class PictureOrder:
     """At the middle of the frame."""
     poses: PosePair
     """At its start and its end."""
+    rays: LensRays | None
+    """Where its pixels look; None where they are the camera's."""
     direction: Direction | None
     """Which way the exposed line goes; None where all lines are exposed at the middle of the frame."""
     frame: FrameSpan
@@ -78,14 +84,19 @@ def read_picture_order(request: Any, last: float, limits: Limits) -> PictureOrde
     shutter = name_enum_value("ShutterType", request.camera_intrinsics.shutter_type)
     if shutter not in _SHUTTERS:
         raise RequestError("camera_intrinsics.shutter_type", shutter, f"send {', '.join(_SHUTTERS)}")
-    camera = _read_camera(request, poses, limits)
-    return PictureOrder(camera, poses, _SHUTTERS[shutter], frame, packing, round(quality))
+    camera, rays = _read_camera(request, poses, limits)
+    if rays is not None and _SHUTTERS[shutter] is not None:
+        remedy = "send GLOBAL, or opencv_pinhole_param without distortion: other lenses are drawn at one moment"
+        raise RequestError("camera_intrinsics.shutter_type", shutter, remedy)
+    return PictureOrder(camera, poses, rays, _SHUTTERS[shutter], frame, packing, round(quality))
 
 
 def draw_ordered_picture(stage: Stage, request: Any, order: PictureOrder, limits: Limits) -> bytes:
     """Draw a picture, and pack it."""
     scene, frame = stage.place(request.dynamic_objects, order.frame, limits), order.frame
-    if order.direction is None:
+    if order.rays is not None:
+        color = view_through_lens(scene, order.rays, order.camera.world_from_camera, frame.middle)
+    elif order.direction is None:
         color = view_scene(scene, order.camera, frame.middle).color
     else:
         ends = order.poses.start, order.poses.end, frame.start, frame.end
@@ -93,32 +104,36 @@ def draw_ordered_picture(stage: Stage, request: Any, order: PictureOrder, limits
     return _pack(np.round(np.clip(color, 0, 1) * 255).astype(np.uint8), order)
 
 
-def _read_camera(request: Any, poses: PosePair, limits: Limits) -> Camera:
+def _read_camera(request: Any, poses: PosePair, limits: Limits) -> tuple[Camera, LensRays | None]:
+    """The camera, and where its pixels look if it is no pinhole: then only its size and pose mean something."""
     spec, field = request.camera_intrinsics, "camera_intrinsics"
     kind = spec.WhichOneof("camera_param")
-    if kind != "opencv_pinhole_param":
-        remedy = "send opencv_pinhole_param without distortion, such as get_available_cameras gives"
-        raise RequestError(f"{field}.camera_param", kind or "missing", remedy)
+    if kind is None:
+        remedy = "send opencv_pinhole_param, opencv_fisheye_param or ftheta_param, such as get_available_cameras gives"
+        raise RequestError(f"{field}.camera_param", "missing", remedy)
     if spec.HasField("bivariate_windshield_model_param"):
         raise RequestError(f"{field}.external_distortion", "a windshield", "leave it out: it is not drawn")
-    lens = spec.opencv_pinhole_param
-    for name in ("radial_coeffs", "tangential_coeffs", "thin_prism_coeffs"):
-        if any(getattr(lens, name)):
-            remedy = "send none or zeros: pictures are drawn without distortion"
-            raise RequestError(f"{field}.opencv_pinhole_param.{name}", list(getattr(lens, name)), remedy)
     width, height = spec.resolution_w, spec.resolution_h
     for name, value in (("resolution_w", width), ("resolution_h", height)):
         require_between(f"{field}.{name}", value, LEAST_SIDE, limits.side)
+    asked = request.resolution_w or width, request.resolution_h or height
+    for name, value in zip(("resolution_w", "resolution_h"), asked, strict=True):
+        require_between(name, value, LEAST_SIDE, limits.side)
+    require_pixels(asked[0] * asked[1], limits)
+    lens = getattr(spec, kind)
+    if kind != "opencv_pinhole_param" or any(any(getattr(lens, name)) for name in _DISTORTIONS):
+        if asked[0] * asked[1] > limits.lens_pixels:
+            remedy = f"a picture of this lens may have {limits.lens_pixels:,} pixels; ask for a smaller one"
+            raise RequestError("resolution_w × resolution_h", f"{asked[0] * asked[1]:,} pixels", remedy)
+        rays = trace_lens(spec, asked)
+        return Camera(1.0, 1.0, asked[0] / 2, asked[1] / 2, *asked, poses.middle), rays
     lens_field = f"{field}.opencv_pinhole_param"
     fx = require_between(f"{lens_field}.focal_length_x", lens.focal_length_x, *_FOCAL)
     fy = require_between(f"{lens_field}.focal_length_y", lens.focal_length_y, *_FOCAL)
     cx = require_between(f"{lens_field}.principal_point_x", lens.principal_point_x, -width, 2 * width)
     cy = require_between(f"{lens_field}.principal_point_y", lens.principal_point_y, -height, 2 * height)
     camera = Camera(fx, fy, cx, cy, width, height, poses.middle)
-    asked = request.resolution_w or width, request.resolution_h or height
-    for name, value in zip(("resolution_w", "resolution_h"), asked, strict=True):
-        require_between(name, value, LEAST_SIDE, limits.side)
-    return camera if asked == (width, height) else camera.resize(*asked)
+    return (camera if asked == (width, height) else camera.resize(*asked)), None
 
 
 def _pack(color: UInt8[ndarray, "h w 3"], order: PictureOrder) -> bytes:

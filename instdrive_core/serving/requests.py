@@ -30,6 +30,8 @@ class Limits:
 
     pixels: int = 16_000_000
     """All pictures of a request together may have."""
+    lens_pixels: int = 4_000_000
+    """That a picture may have whose lens is no pinhole: it takes many times the memory."""
     pictures: int = 64
     """That a request may ask for, and sweeps."""
     side: int = 8192
@@ -132,6 +134,13 @@ def require_between(field: str, value: float, low: float, high: float) -> float:
     if not (math.isfinite(value) and low <= value <= high):
         raise RequestError(field, f"{value:g}", f"send a number from {low:g} to {high:g}")
     return value
+
+
+def require_pixels(pixels: int, limits: Limits) -> None:
+    """Raise RequestError where the pictures of a request have more pixels together than it may ask for."""
+    if pixels > limits.pixels:
+        remedy = f"a request may ask for {limits.pixels:,} pixels; ask for fewer or smaller pictures"
+        raise RequestError("resolution_w × resolution_h", f"{pixels:,} pixels", remedy)
 
 
 def _read_pose(field: str, message: Any) -> Float64[ndarray, "4 4"]:

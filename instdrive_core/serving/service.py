@@ -17,7 +17,7 @@ from instdrive_core.scene.camera import CameraView
 from instdrive_core.serving.client import build_picture_request
 from instdrive_core.serving.messages import find_enum_value, find_message_class
 from instdrive_core.serving.pictures import draw_ordered_picture, read_picture_order
-from instdrive_core.serving.requests import USUAL_LIMITS, Limits, RequestError, write_pose
+from instdrive_core.serving.requests import USUAL_LIMITS, Limits, RequestError, require_pixels, write_pose
 from instdrive_core.serving.stage import Stage, Unnamed, build_stage
 from instdrive_core.serving.sweeps import AS_ASKED, ServedLidar
 from instdrive_core.sweeps.rig import Rig, build_rig
@@ -123,9 +123,7 @@ class SensorService:
             self._check_scene(request.scene_id)
             orders.append(read_picture_order(request, self.last, self.limits))
             pixels += orders[-1].camera.width * orders[-1].camera.height
-            if pixels > self.limits.pixels:
-                remedy = f"a request may ask for {self.limits.pixels:,} pixels; ask for fewer or smaller pictures"
-                raise RequestError("resolution_w × resolution_h", f"{pixels:,} pixels", remedy)
+            require_pixels(pixels, self.limits)
         answer = find_message_class("RGBRenderReturn")
         pairs = zip(requests, orders, strict=True)
         return [answer(image_bytes=draw_ordered_picture(self.stage, each, order, self.limits)) for each, order in pairs]

@@ -26,8 +26,31 @@ def picture(service):
     return build_picture_request(view.camera.resize(40, 24), view.time)
 
 
-def fisheye(request):
-    request.camera_intrinsics.opencv_fisheye_param.SetInParent()
+def fisheye(shutter=0, side=0, **values):
+    """Put a fisheye into a request, with some of its fields set."""
+
+    def change(request):
+        spec = request.camera_intrinsics
+        fields = {"principal_point_x": 20.0, "principal_point_y": 12.0, "focal_length_x": 15.0, "focal_length_y": 15.0}
+        spec.opencv_fisheye_param.MergeFrom(find_message_class("OpenCVFisheyeCameraParam")(**(fields | values)))
+        spec.shutter_type = shutter
+        if side:
+            request.resolution_w = request.resolution_h = side
+
+    return change
+
+
+def ftheta(cde=None, **values):
+    """Put an f-theta lens into a request, with some of its fields set."""
+
+    def change(request):
+        lens = request.camera_intrinsics.ftheta_param
+        fields = {"principal_point_x": 20.0, "principal_point_y": 12.0}
+        lens.MergeFrom(find_message_class("FthetaCameraParam")(**(fields | values)))
+        if cde is not None:
+            lens.linear_cde.linear_c, lens.linear_cde.linear_d, lens.linear_cde.linear_e = cde
+
+    return change
 
 
 def add_objects(request, *names):
@@ -60,9 +83,22 @@ BAD = {
     "no turn": (spoil(sensor_pose__start_pose__quat__w=50.0), "sensor_pose.start_pose.quat is (50"),
     "nowhere": (spoil(sensor_pose__end_pose__vec__y=float("nan")), "sensor_pose.end_pose.vec.y is nan; send a number"),
     "far away": (spoil(sensor_pose__end_pose__vec__x=1e30), "sensor_pose.end_pose.vec.x is 1e+30; send a number"),
-    "no lens": (lambda request: request.ClearField("camera_intrinsics"), "camera_param is missing; send opencv_pinh"),
-    "fisheye": (fisheye, "camera_param is opencv_fisheye_param; send opencv_pinhole_param"),
-    "distorted": (spoil(**{LENS + "radial_coeffs": [0.1]}), "radial_coeffs is [0.1]; send none or zeros"),
+    "no lens": (
+        lambda request: request.ClearField("camera_intrinsics"),
+        "camera_param is missing; send opencv_pinhole_param, o",
+    ),
+    "rolling fisheye": (fisheye(shutter=1), "shutter_type is ROLLING_TOP_TO_BOTTOM; send GLOBAL, or opencv_pinhole"),
+    "fisheye without a focal length": (fisheye(focal_length_x=0.0), "opencv_fisheye_param.focal_length_x is 0; send a"),
+    "fisheye of no angle": (fisheye(max_angle=-1.0), "opencv_fisheye_param.max_angle is -1; send a number from 0.01"),
+    "fisheye of nothing": (fisheye(principal_point_x=80.0, max_angle=0.01), "no pixel sees anything; send another one"),
+    "large fisheye": (fisheye(side=2400), "is 5,760,000 pixels; a picture of this lens may have 4,000,000 pixels"),
+    "f-theta of nothing": (ftheta(), "ftheta_param.angle_to_pixeldist_poly is empty; send angle_to_pixeldist_poly"),
+    "f-theta of no number": (ftheta(angle_to_pixeldist_poly=[0.0, float("nan")]), "pixeldist_poly[1] is nan; send a"),
+    "f-theta of many": (ftheta(pixeldist_to_angle_poly=[0.1] * 17), "pixeldist_to_angle_poly is 17 long; send at most"),
+    "flat f-theta": (
+        ftheta(angle_to_pixeldist_poly=[0.0, 20.0], cde=(1, 1, 1)),
+        "linear_cde is (1, 1, 1); send numbers",
+    ),
     "windshield": (
         lambda request: request.camera_intrinsics.bivariate_windshield_model_param.SetInParent(),
         "external_distortion is a windshield; leave it out",
