@@ -61,7 +61,7 @@ def _trace(packed: bytes, size: tuple[int, int]) -> LensRays:
         "opencv_pinhole_param": _find_undistorted,
     }[kind]
     directions = find(lens, field, offsets)
-    seen = np.isfinite(directions).all(axis=1)
+    seen = np.asarray(np.isfinite(directions).all(axis=1))
     if not seen.any():
         raise RequestError(field, "a lens of which no pixel sees anything", "send another one")
     directions[~seen] = [0, 0, 1]

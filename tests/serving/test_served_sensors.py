@@ -8,9 +8,12 @@ import pytest
 from parked_street import CAR, OTHER_CAR
 
 from benchmarks.serving import measure_serving
+from instdrive_app.main import main
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.formats.registry import open_scene
+from instdrive_core.project.open import open_edited_scene
 from instdrive_core.rasterize.rolling_shutter import RollingCamera, view_through_shutter
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.serving.client import SensorClient, build_picture_request
@@ -225,3 +228,18 @@ def test_another_rig_is_listed(street, tmp_path):
         assert camera.name == "high"
         assert np.linalg.norm(mounted.position - own.camera.position) == pytest.approx(1.0, abs=1e-4)
         assert client.draw(mounted, way.times[4]).shape == (240, 400, 3)
+
+
+def test_a_project_is_served_as_its_edits_make_it(street, tmp_path, view):
+    project = tmp_path / "edited.instdrive"
+    assert main(["apply", str(street), "--delete", str(CAR), "--move", f"{OTHER_CAR}=1,0,0", "-o", str(project)]) == 0
+    service, _ = open_sensor_service(project)
+    assert service.name == "edited"
+    assert str(CAR) not in service.stage.things
+    edited = open_edited_scene(project)
+    assert apart(draw(edited, view), draw(open_scene(street), view)) > 2
+    with SensorServer(service) as server, SensorClient(server.address) as client:
+        assert apart(client.draw(view.camera, view.time), draw(edited, view)) < 0.05
+        pose = find_pose(service, str(OTHER_CAR), view.time)
+        unmoved = client.draw(view.camera, view.time, {str(OTHER_CAR): pose})
+        assert apart(unmoved, draw(edited, view)) < 0.1
