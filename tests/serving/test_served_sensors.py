@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from parked_street import CAR, OTHER_CAR
 
-from benchmarks.serving import measure_serving
 from instdrive_app.main import main
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.move import MoveInstances
@@ -206,13 +205,6 @@ def test_another_sensor_is_cast_only_where_the_server_was_told(street, service):
         service.render_lidar(lidar)
     told, _ = open_sensor_service(street, lidar="VLP-16")
     assert 0 < told.render_lidar(lidar).num_points <= 16 * 1800
-
-
-def test_the_benchmark_measures_pictures_and_sweeps(street):
-    found = measure_serving(street, pictures=3, sweeps=1)
-    assert 0 < found["serve_ms"] <= found["serve_worst_ms"] < 60_000
-    assert found["serve_splats"] > 10_000
-    assert found["serve_size"] == "480x288"
 
 
 def test_another_rig_is_listed(street, tmp_path):
