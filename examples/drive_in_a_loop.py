@@ -18,7 +18,7 @@ from instdrive_core.serving.client import SensorClient
 from instdrive_core.serving.server import SensorServer
 from instdrive_core.serving.service import open_sensor_service
 
-STEP, STEPS = 0.1, 40
+STEP, STEPS = 0.2, 20
 SPEED, HARDEST_BRAKE = 10.0, 6.0
 """Metres per second, and per second squared."""
 AHEAD, KEPT = 28.0, 6.0

@@ -34,7 +34,7 @@ def test_the_toy_planner_stops_before_the_parked_car_that_it_sees(tmp_path):
     assert done.returncode == 0, done.stderr
     steps = json.loads((tmp_path / "loop.json").read_text())
     assert steps[0]["speed"] == 10
-    assert steps[0]["free"] == pytest.approx(25, abs=1)  # to its bumper
+    assert steps[0]["free"] == pytest.approx(24, abs=1)  # to its bumper
     assert steps[-1]["speed"] == 0
     assert steps[-1]["free"] == pytest.approx(6, abs=0.5)
     assert {path.name for path in tmp_path.iterdir()} == {"loop.json", "first.png", "last.png"}

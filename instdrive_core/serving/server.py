@@ -64,10 +64,6 @@ class SensorServer:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def wait(self) -> None:
-        """Wait until the server is stopped; Ctrl+C comes through."""
-        self._server.wait_for_termination()
-
     def stop(self, grace: float = 5.0) -> None:
         """Take no more requests, and end once those in flight are answered, or after `grace` seconds."""
         self._server.stop(grace).wait()

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import importlib
 import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +17,8 @@ from instdrive_core.serving.requests import Limits
 
 PORT = 50051
 """The usual one of gRPC servers."""
+_LOOK_SECONDS = 0.5
+"""On some systems a wait without an end is not woken by signals."""
 LOCAL = ("127.0.0.1", "::1", "localhost")
 
 
@@ -57,12 +62,26 @@ def serve_drive(
     service.warm_up()
     for note in notes:
         print(note)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with SensorServer(service, host, port) as server:
+    stopped = threading.Event()
+    with _on_signals(stopped), SensorServer(service, host, port) as server:
         if host not in LOCAL:
             print(f"other machines can connect to {host}: nothing is encrypted, and nobody is asked for a password")
         print(f"serving {service.name} at {server.address}; Ctrl+C stops", flush=True)
-        try:
-            server.wait()
-        except KeyboardInterrupt:
-            print("stopping", flush=True)
+        while not stopped.wait(_LOOK_SECONDS):
+            pass
+        print("stopping", flush=True)
+
+
+@contextmanager
+def _on_signals(stopped: threading.Event) -> Iterator[None]:
+    """Set `stopped` on Ctrl+C and when the process is asked to end, instead of breaking off whatever it is doing.
+
+    Once that happened the process is about to end, and does not want to hear it again.
+    """
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: stopped.set()) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, signal.SIG_IGN if stopped.is_set() else handler)
