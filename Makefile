@@ -2,6 +2,7 @@
 # make test   style, types, import contracts and the whole test suite, in WORKERS processes (default 2) that take a file
 #             of tests each
 # make lint   the same without the suite
+# make catalogue   bring the catalogues of the window's languages up to date with its texts
 # make docs   the documentation as a site in build/site; warnings are errors
 PYTHON ?= python3
 VENV := .venv
@@ -12,7 +13,7 @@ PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libx11-6 libxcursor1 lib
 RUN ?= runs/demo
 WORKERS ?= 2
 
-.PHONY: demo test docs lint style contracts types suite bench pictures system clean
+.PHONY: demo test docs lint style contracts types suite bench pictures catalogue system clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.ready
@@ -52,6 +53,9 @@ pictures: $(VENV)/.ready-dev
 	$(BIN)/python -m benchmarks.pictures $(RUN)/run --name demo --session $(RUN)
 	$(BIN)/python -m benchmarks.editor_pictures $(RUN)/run
 	$(BIN)/python -m instdrive_core.datasets.synthetic.contact_sheet $(RUN)/clip docs/images/synthetic_contact_sheet.jpg
+
+catalogue: $(VENV)/.ready-dev
+	$(BIN)/python -m benchmarks.catalogue
 
 $(VENV)/bin/python: | system
 	$(PYTHON) -m venv $(VENV)

@@ -5,6 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from instdrive_app.language.translation import translate
+from instdrive_core.wording import phrase
+
+_KEYS = {
+    "LeftArrow": "←",
+    "RightArrow": "→",
+    "Delete": phrase("Del"),
+    "Insert": phrase("Ins"),
+    "Home": phrase("Home"),
+    "End": phrase("End"),
+    "PageUp": phrase("Page Up"),
+    "PageDown": phrase("Page Down"),
+    "Ctrl": phrase("Ctrl"),
+    "Shift": phrase("Shift"),
+    "Alt": phrase("Alt"),
+    "Space": phrase("Space"),
+    "Enter": phrase("Enter"),
+    "Escape": phrase("Escape"),
+    "Backspace": phrase("Backspace"),
+    "Tab": phrase("Tab"),
+}
+"""Names of keys, as the user reads them."""
 MenuItem = tuple[str, Callable[[], None]]
 """Title and callback of an entry of a submenu."""
 
@@ -39,8 +61,8 @@ class Action:
 
 
 def format_shortcut(shortcut: str) -> str:
-    """Format keys as the user reads them."""
-    return shortcut.replace("LeftArrow", "←").replace("RightArrow", "→").replace("Delete", "Del")
+    """Format keys as the user reads them in the language of the window."""
+    return "+".join(translate(_KEYS.get(key, key)) if len(key) > 1 else key for key in shortcut.split("+"))
 
 
 class ActionRegistry:

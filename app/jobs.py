@@ -12,9 +12,10 @@ from threading import Event
 from typing import Any
 
 from instdrive_app.memory import release_freed_memory
-from instdrive_app.messages import user_message
+from instdrive_app.messages import read_error, user_message
 from instdrive_core.errors import EditError, InstDriveError
 from instdrive_core.progress import CancelledError, report_to
+from instdrive_core.wording import phrase
 
 _log = logging.getLogger(__name__)
 
@@ -41,7 +42,7 @@ class Job:
         """Note the share that is done, on the work's thread. Raises CancelledError where the job was cancelled."""
         self.share = share
         if self.stop.is_set():
-            raise CancelledError(f"{self.title} was cancelled")
+            raise CancelledError(phrase("{title} was cancelled", title=phrase(self.title)))
 
 
 class Jobs:
@@ -135,16 +136,22 @@ class Jobs:
         job.over = True
         error = None if job.future.cancelled() else job.future.exception()
         if job.future.cancelled() or isinstance(error, CancelledError | NeverBegunError):
-            self._report_cancelled(f"{job.title} was cancelled")
+            self._report_cancelled(phrase("{title} was cancelled", title=phrase(job.title)))
         elif error is None:
             job.on_done(job.future.result())
         elif job.on_failure(error):
             _log.info("%s failed: %s", job.title, error)
         elif isinstance(error, InstDriveError):
-            self._report_error(user_message(error) if isinstance(error, EditError) else str(error))
+            self._report_error(user_message(error) if isinstance(error, EditError) else read_error(error))
         else:
             _log.error("%s failed", job.title, exc_info=error)
-            self._report_error(f"{job.title} failed: {error!r}. Help › Log file has the details. Please report it")
+            self._report_error(
+                phrase(
+                    "{title} failed: {error!r}. Help › Log file has the details. Please report it",
+                    title=phrase(job.title),
+                    error=error,
+                )
+            )
 
     def close(self) -> None:
         """Wait for the running job, so that an export is complete; drop waiting jobs and stop background jobs."""

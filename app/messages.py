@@ -7,14 +7,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from instdrive_core.wording import Phrase, begin_sentence
+
 TOAST_SECONDS = {"info": 4.0, "error": 10.0}
 MAX_MESSAGES = 500
 
 
-def user_message(error: Exception) -> str:
+def read_error(error: BaseException) -> str:
+    """The text of an error, as a phrase where it was made of one."""
+    return error.args[0] if error.args and isinstance(error.args[0], Phrase) else str(error)
+
+
+def user_message(error: BaseException) -> str:
     """Format an edit's error as a sentence; in programs it follows a colon."""
-    text = str(error)
-    return text[:1].upper() + text[1:]
+    return begin_sentence(read_error(error))
 
 
 class Level(Enum):

@@ -1,8 +1,8 @@
-"""A tour of the real window: every panel, dialog, menu, tool and view, at several sizes, scales and themes.
+"""A tour of the real window: every panel, dialog, menu, tool and view, at several sizes, scales, themes and languages.
 
 `python -m benchmarks.tour OUT` visits them all on virtual displays, writes where each widget was and a picture of each
 state into OUT, and prints one JSON line: what was visited, and every widget that was cut off, outside the window, or on
-top of another one. Exits 1 where there was any.
+top of another one, or drawn in English although the window speaks another language. Exits 1 where there was any.
 """
 
 from __future__ import annotations
@@ -10,14 +10,17 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 from tyro.conf import Positional
+
+from benchmarks.catalogue import read_catalogue
+from instdrive_app.language.languages import ENGLISH
 
 TOUR = Path(__file__).parents[1] / "tests/support/window/look_tour.py"
 VISITS = (((900, 600), 1.0), ((900, 600), 2.0), ((2560, 1440), 1.0), ((1280, 720), 2.0))
@@ -36,6 +39,7 @@ class Options:
 
     out: Positional[Path]
     themes: tuple[str, ...] = ("dark", "light")
+    languages: tuple[str, ...] = ("en", "de")
     pictures: bool = True
     only: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """States to visit; default: all."""
@@ -48,18 +52,36 @@ def visit(
     theme: str,
     only: tuple[str, ...] = (),
     pictures: bool = False,
+    language: str = "en",
 ) -> dict[str, Any]:
     """Go on the tour in one window; returns size, marks and cut widgets of each state.
 
     Raises RuntimeError with what the window wrote where it failed.
     """
     command = [sys.executable, str(TOUR), str(out), "--size", *map(str, size), "--scale", str(scale), "--theme", theme]
-    command += ["--pictures"] if pictures else []
+    command += ["--language", language, *(["--pictures"] if pictures else [])]
     command += [word for state in only for word in ("--only", state)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     if done.returncode:
         raise RuntimeError(done.stderr)
     return json.loads((out / "looks.json").read_text(encoding="utf-8"))
+
+
+def find_untranslated(texts: Iterable[str], language: str) -> list[str]:
+    """Find what was drawn in English although the language has words of its own for it, in a sentence each."""
+    foreign = read_catalogue(language)
+    said = {strip_text(text) for message in foreign for text in _list_forms(message.string)}
+    english = {strip_text(text) for message in foreign for text in _list_forms(message.id)}
+    return [f"{text!r} is drawn in English" for text in sorted({*texts} & (english - said - {""}))]
+
+
+def strip_text(text: str) -> str:
+    """The words without the dots at the end."""
+    return text.rstrip(" …")
+
+
+def _list_forms(text: str | Sequence[str] | None) -> Sequence[str]:
+    return (text,) if isinstance(text, str) else text or ()
 
 
 def find_faults(states: Mapping[str, Any]) -> list[str]:
@@ -101,11 +123,14 @@ def main(options: Options) -> None:
     """Visit everything and print what is wrong."""
     faults, visited = [], 0
     for size, scale in VISITS:
-        for theme in options.themes:
-            name = f"{size[0]}x{size[1]} at {scale:g}, {theme}"
-            states = visit(options.out / name, size, scale, theme, options.only, options.pictures)
+        for theme, language in product(options.themes, options.languages):
+            name = f"{size[0]}x{size[1]} at {scale:g}, {theme}, {language}"
+            states = visit(options.out / name, size, scale, theme, options.only, options.pictures, language)
             visited += len(states)
             faults += [f"{name}: {fault}" for fault in find_faults(states)]
+            if language != ENGLISH:
+                texts = json.loads((options.out / name / "texts.json").read_text(encoding="utf-8"))
+                faults += [f"{name}: {fault}" for fault in find_untranslated(texts, language)]
     print(json.dumps({"benchmark": "tour", "states": visited, "faults": faults}))
     if faults:
         raise SystemExit(1)

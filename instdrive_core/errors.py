@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from instdrive_core.wording import Phrase, phrase
+
 
 class InstDriveError(Exception):
     """Base of all errors that are the user's to read: the command line prints them without a traceback."""
@@ -19,7 +21,8 @@ class DataError(InstDriveError):
     """
 
     def __init__(self, path: str | Path, problem: str, remedy: str) -> None:
-        super().__init__(f"{path}: {problem}. {remedy}")
+        said = phrase("{path}: {problem}. {remedy}", path=path, problem=phrase(problem), remedy=phrase(remedy))
+        super().__init__(said)
         self.path, self.problem, self.remedy = Path(path), problem, remedy
 
 
@@ -61,6 +64,17 @@ def format_ordinal(number: int) -> str:
     return f"{number}{ending}"
 
 
+def say_ordinal(number: int) -> Phrase:
+    """The ordinal number as a phrase, since languages write it in different ways."""
+    form = {
+        "th": phrase("{number}th"),
+        "st": phrase("{number}st"),
+        "nd": phrase("{number}nd"),
+        "rd": phrase("{number}rd"),
+    }
+    return phrase(form[format_ordinal(number)[-2:]], number=number)
+
+
 class UntrustedDataError(DataError):
     """A file asks for something that only a hostile file would ask for; nothing of it was executed."""
 
@@ -84,7 +98,14 @@ class SceneChangedError(DataError):
     """
 
     def __init__(self, path: str | Path, scene: str | Path, expected: str, found: str) -> None:
-        problem = f"the scene {scene} has changed since it was edited (SHA-256 {found}, not {expected})"
-        remedy = "Put the old scene back, or open it anyway (accept_changed): edits that no longer fit are left out"
+        problem = phrase(
+            "the scene {scene} has changed since it was edited (SHA-256 {found}, not {expected})",
+            scene=scene,
+            found=found,
+            expected=expected,
+        )
+        remedy = phrase(
+            "Put the old scene back, or open it anyway (accept_changed): edits that no longer fit are left out"
+        )
         super().__init__(path, problem, remedy)
         self.scene, self.expected, self.found = Path(scene), expected, found

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import Request
+from instdrive_core.wording import drop_ellipsis, phrase
 
 QUIET = frozenset({"Escape", "Enter", "Shift+Enter", "Ctrl+Enter", "Backspace"})
 """Keys that are pressed also where nothing is expected of them."""
@@ -30,7 +31,7 @@ def run_on_instances(session: EditorSession, run: Callable[[], object]) -> Calla
 def explain_disabled(session: EditorSession, action: Action) -> str:
     """Say why an action cannot run now, in a sentence for the user."""
     if session.jobs.is_blocking and session.jobs.current is not None:
-        return f"“{session.jobs.current.title}” is still running"
+        return phrase("“{job}” is still running", job=phrase(session.jobs.current.title))
     if session.document is None:
         return "Open a scene first"
     if action.needs:
@@ -49,12 +50,12 @@ def run_or_explain(session: EditorSession, action: Action) -> None:
     if session.actions.run(action.id):
         if not action.undoable or _list_traces(session) != before:
             return
-        why = "nothing needs to change"
+        why: str = phrase("nothing needs to change")
     elif QUIET.intersection(action.shortcuts):
         return
     else:
         why = explain_disabled(session, action)
-    reason = f"{action.title.rstrip('…')}: {why}"
+    reason = phrase("{command}: {reason}", command=drop_ellipsis(action.title), reason=why)
     if all(message.text != reason for message in session.messages.toasts):
         session.messages.info(reason)
 

@@ -10,6 +10,7 @@ from instdrive_app.actions.conditions import is_editable
 from instdrive_app.session.aids.bookmarks import MOST
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import ShowPanel
+from instdrive_core.wording import phrase
 
 _NONE_KEPT = "Keep a view first (Shift+V)"
 _BOOKMARK_WORDS = ("bookmark", "camera", "saved view", "pose")
@@ -24,13 +25,16 @@ def _list_screenshots(session: EditorSession) -> list[Action]:
     def toggle_transparent() -> None:
         session.state.cut_out_screenshots = not session.state.cut_out_screenshots
 
-    sizes = (("screenshot", "", "F12", 1.0), ("screenshot_2x", " at twice the size", "Shift+F12", 2.0))
-    sizes += (("screenshot_4x", " at four times the size", "Ctrl+F12", 4.0),)
+    sizes = (
+        ("screenshot", "Screenshot", "F12", 1.0),
+        ("screenshot_2x", "Screenshot at twice the size", "Shift+F12", 2.0),
+        ("screenshot_4x", "Screenshot at four times the size", "Ctrl+F12", 4.0),
+    )
     return [
         *(
             Action(
                 f"view.{name}",
-                f"Screenshot{size}",
+                title,
                 partial(session.screenshots.take, factor),
                 "View",
                 (key,),
@@ -39,7 +43,7 @@ def _list_screenshots(session: EditorSession) -> list[Action]:
                 words=("picture", "image", "photo", "png", "capture", "save picture", "render"),
                 separator=factor == 1.0,
             )
-            for name, size, key, factor in sizes
+            for name, title, key, factor in sizes
         ),
         Action(
             "view.transparent",
@@ -152,9 +156,9 @@ def keep_view(session: EditorSession) -> None:
     """Keep the present view, and say under which name."""
     kept = session.aids.bookmarks.keep(session.state.viewpoint, session.state.time)
     if kept is None:
-        session.messages.error(f"{MOST} views are kept already; delete some in the Views panel")
+        session.messages.error(phrase("{most} views are kept already; delete some in the Views panel", most=MOST))
     else:
-        session.messages.info(f"Kept as {kept.name}; Page Up and Page Down go through the kept views")
+        session.messages.info(phrase("Kept as {name}; Page Up and Page Down go through the kept views", name=kept.name))
 
 
 def show_bookmark(session: EditorSession, index: int) -> None:
@@ -169,4 +173,4 @@ def delete_view(session: EditorSession, index: int | None) -> None:
     if index is not None:
         name = session.aids.bookmarks.kept[index].name
         session.aids.bookmarks.delete(index)
-        session.messages.info(f"{name} is no longer kept")
+        session.messages.info(phrase("{name} is no longer kept", name=name))

@@ -8,6 +8,7 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import ShowPanel
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.select import InvertSelection, SelectAll, SelectClass
+from instdrive_core.wording import phrase
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -147,4 +148,4 @@ def _select_classes(session: EditorSession) -> None:
     if len(edits) == 1:
         session.history.apply(edits[0])
     else:
-        session.history.apply(CompoundEdit(edits, f"Select classes {', '.join(classes)}"))
+        session.history.apply(CompoundEdit(edits, phrase("Select classes {names}", names=", ".join(classes))))

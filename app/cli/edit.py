@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg
 
@@ -29,6 +29,7 @@ def edit(
     scale: float = 0.0,
     report: Annotated[Path | None, arg(metavar="FILE")] = None,
     remember_layout: bool = True,
+    language: Literal["", "en", "de"] = "",
 ) -> None:
     """Open a scene in the editor window.
 
@@ -37,6 +38,7 @@ def edit(
         size: Width and height of the window, at scale 1.
         scale: Size of text and widgets, e.g. 2 on a high-density display; 0: as the monitor reports.
         report: Write the window's state as JSON lines into this file, for programs that drive the window.
+        language: Language of the window for this time: en or de; without it, as chosen in Preferences.
         remember_layout: Keep the arrangement of panels from one session to the next.
     """
     if scale and not MIN_SCALE <= scale <= MAX_SCALE:
@@ -46,7 +48,7 @@ def edit(
 
     path = find_scene(scene)
     start_logging()
-    run_editor(path, WindowOptions(size, report, remember_layout, scale))
+    run_editor(path, WindowOptions(size, report, remember_layout, scale, language))
 
 
 def find_scene(path: Path | None) -> Path:

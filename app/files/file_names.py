@@ -9,7 +9,7 @@ from importlib import resources
 from itertools import count
 from pathlib import Path
 
-from instdrive_core.wording import format_count
+from instdrive_core.wording import Phrase, format_count, list_phrases, phrase
 
 NAMED = 3
 """Number of files listed by name; the others are counted."""
@@ -29,7 +29,10 @@ def find_name_problem(path: Path) -> str:
     """Say why a path cannot be shown in recent files, titles and messages; empty where it can."""
     if is_displayable(path):
         return ""
-    return f"{format_path(path.name or path)} cannot be opened: its path is not UTF-8 text. Rename it, then try again"
+    return phrase(
+        "{name} cannot be opened: its path is not UTF-8 text. Rename it, then try again",
+        name=format_path(path.name or path),
+    )
 
 
 def find_working_folder() -> Path:
@@ -77,9 +80,18 @@ def find_folder_beside(path: Path | None) -> Path:
     return find_documents_folder() if folder.is_relative_to(assets) else folder
 
 
-def join_names(paths: Sequence[Path]) -> str:
+def join_names(paths: Sequence[Path]) -> Phrase:
     """Join file names, e.g. ``a.ply``, ``a.ply and b.ply``, ``a.ply, b.ply, c.ply and 4 others``."""
     names = [path.name for path in paths]
     if len(names) > NAMED + 1:
         names = [*names[:NAMED], format_count(len(names) - NAMED, "other")]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    if len(names) == 1:
+        return phrase("{name}", name=names[0])
+    return phrase("{first} and {last}", first=list_phrases(names[:-1]), last=names[-1])
+
+
+def list_choices(names: Sequence[str]) -> Phrase:
+    """Join what can be chosen: ``.png``, ``.png or .jpg``."""
+    if len(names) == 1:
+        return phrase("{name}", name=names[0])
+    return phrase("{first} or {last}", first=list_phrases(names[:-1]), last=names[-1])

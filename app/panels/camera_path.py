@@ -6,11 +6,12 @@ import math
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_text, fit_text, scale_pixels, scale_size
 from instdrive_app.preferences.themes import ACCENT, BACKGROUND, DIM, LINE, TEXT
 from instdrive_app.session.showing.path_controller import PathController
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 HEIGHT, LEAST_HEIGHT, KEY = 34.0, 27.0, 6.0
 """Height of the strip, with more room and with less, and half the width of a key; pixels at scale 1."""
@@ -39,7 +40,7 @@ class CameraPathPanel:
         """Draw one frame."""
         session, path = ui.session, ui.session.camera_path
         if session.document is None:
-            imgui.text_disabled("No scene is open.")
+            imgui.text_disabled(translate("No scene is open."))
             return
         for name in ("path.play", "path.add", "path.replace", "path.delete", "path.film"):
             draw_action_button(ui, session.actions[name], scale_size(30, 0))
@@ -47,8 +48,13 @@ class CameraPathPanel:
         if len(path.keys) < 2:
             hint = "Look somewhere and add the view, then look elsewhere and add that"
         else:
-            hint = f"{path.playhead:.2f} s of {path.end:.2f} s   {format_count(len(path.keys), 'key')}"
-        draw_dim_text(fit_text(hint, imgui.get_content_region_avail().x))
+            hint = phrase(
+                "{at:.2f} s of {end:.2f} s   {keys}",
+                at=path.playhead,
+                end=path.end,
+                keys=format_count(len(path.keys), "key"),
+            )
+        draw_dim_text(fit_text(translate(hint), imgui.get_content_region_avail().x))
         self._draw_strip(ui)
 
     def _draw_strip(self, ui: Ui) -> None:
@@ -69,7 +75,9 @@ class CameraPathPanel:
             self._drag(path, left, per_second)
             per_second = max(width - 2 * edge, 1.0) / self._span
         elif imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Click a key to go there, drag it to change when; click elsewhere to look along the path")
+            imgui.set_tooltip(
+                translate("Click a key to go there, drag it to change when; click elsewhere to look along the path")
+            )
         _draw_ruler(left, at.y, middle, self._span, per_second)
         self._draw_keys(ui, left, middle, per_second)
 

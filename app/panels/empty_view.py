@@ -7,8 +7,18 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.jobs import Job
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill, rgba
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_dim_text, fit_text, get_icon, scale_pixels, scale_size
+from instdrive_app.panels.widgets.ui import (
+    Rectangle,
+    Ui,
+    draw_dim_text,
+    fit_text,
+    make_icon_label,
+    name_work,
+    scale_pixels,
+    scale_size,
+)
 from instdrive_app.preferences.themes import DIM, TEXT, Color, Role
 
 WIDTH = 340.0
@@ -45,17 +55,18 @@ class EmptyView:
         imgui.pop_font()
         imgui.spacing()
         push_accent_fill()
-        if imgui.button(f"{get_icon('ICON_FA_FOLDER_OPEN')}   Open…", ImVec2(width, tall)):
+        if imgui.button(make_icon_label("ICON_FA_FOLDER_OPEN", "Open…", gap="   "), ImVec2(width, tall)):
             commands.run("file.open")
         pop_accent_fill()
         ui.mark("empty.open")
         imgui.begin_disabled(not commands["file.sample"].enabled())
-        if imgui.button(f"{get_icon('ICON_FA_CITY')}   Open the sample scene", ImVec2(width, tall)):
+        if imgui.button(make_icon_label("ICON_FA_CITY", "Open the sample scene", gap="   "), ImVec2(width, tall)):
             commands.run("file.sample")
         imgui.end_disabled()
         ui.mark("empty.sample")
         if imgui.button(
-            f"{get_icon('ICON_FA_WAND_MAGIC_SPARKLES')}   New from photos, video or a drive…", ImVec2(width, tall)
+            make_icon_label("ICON_FA_WAND_MAGIC_SPARKLES", "New from photos, video or a drive…", gap="   "),
+            ImVec2(width, tall),
         ):
             commands.run("file.new")
         ui.mark("empty.new")
@@ -65,7 +76,7 @@ class EmptyView:
         recents = ui.session.files.recents.paths[: max(min(RECENTS, room), 0)]
         if recents:
             imgui.dummy(scale_size(1, 6))
-            draw_dim_text("Recent")
+            draw_dim_text(translate("Recent"))
         for number, path in enumerate(recents):
             self._draw_recent(ui, number, path, width)
 
@@ -85,17 +96,18 @@ class EmptyView:
 
 
 def _draw_opening(ui: Ui, job: Job, width: float) -> None:
-    imgui.text(fit_text("Stopping…" if job.stop.is_set() else f"{job.title}…", width))
+    imgui.text(fit_text(name_work(job), width))
     known = job.share is not None
     imgui.progress_bar((job.share or 0.0) if known else -1.0 * imgui.get_time(), ImVec2(width, scale_pixels(6)), "")
     imgui.begin_disabled(not known or job.stop.is_set())
-    if imgui.button("Cancel", ImVec2(width, 0)):
+    if imgui.button(make_label("Cancel"), ImVec2(width, 0)):
         ui.session.jobs.cancel()
     imgui.end_disabled()
     ui.mark("progress.cancel")
 
 
 def _draw_centered(text: str, left: float, width: float, color: Color | Role) -> None:
+    text = translate(text)
     imgui.set_cursor_screen_pos(
         ImVec2(left + (width - imgui.calc_text_size(text).x) / 2, imgui.get_cursor_screen_pos().y)
     )

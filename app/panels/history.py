@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Ui, fit_text, get_icon, scale_pixels
 from instdrive_app.preferences.themes import ACCENT, DIM, TEXT
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.registry import EDIT_KINDS
-from instdrive_core.wording import format_count
+from instdrive_core.wording import count_phrase
 
 
 class HistoryPanel:
@@ -24,7 +25,7 @@ class HistoryPanel:
         document = ui.session.document
         if document is None:
             imgui.push_text_wrap_pos(0)
-            imgui.text_disabled("Your editing steps appear here.")
+            imgui.text_disabled(translate("Your editing steps appear here."))
             imgui.pop_text_wrap_pos()
             return
         history, target = document.history, None
@@ -43,7 +44,7 @@ class HistoryPanel:
         if not edits:
             imgui.spacing()
             imgui.push_text_wrap_pos(0)
-            imgui.text_disabled("Nothing has been edited yet. Click a step to go back to it.")
+            imgui.text_disabled(translate("Nothing has been edited yet. Click a step to go back to it."))
             imgui.pop_text_wrap_pos()
         if target is not None:
             ui.session.history.jump(target)
@@ -52,7 +53,7 @@ class HistoryPanel:
 def _draw_step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
     """Draw one line and return whether it was clicked; without an edit, the line of the state that was opened."""
     present, undone = number == cursor, number > cursor
-    title = edit.title if edit is not None else "Opened"
+    title = translate(edit.title if edit is not None else "Opened")
     at, width = imgui.get_cursor_screen_pos(), imgui.get_font_size() * 1.7
     color = rgba(DIM, 0.7) if undone else rgba(TEXT)
     imgui.push_style_color(imgui.Col_.text, color)
@@ -62,8 +63,11 @@ def _draw_step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
     ui.mark(f"history.{number}")
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         count = abs(cursor - number)
-        way = f"{'Redo' if undone else 'Undo'} {format_count(count, 'step')}"
-        imgui.set_tooltip(f"{title}\n{'The present step' if present else way}")
+        undo, redo = (
+            count_phrase(count, "Undo {count:,} step", "Undo {count:,} steps"),
+            count_phrase(count, "Redo {count:,} step", "Redo {count:,} steps"),
+        )
+        imgui.set_tooltip(f"{title}\n{translate('The present step' if present else redo if undone else undo)}")
     fitted = fit_text(title, imgui.get_content_region_avail().x - width)
     draw, height = imgui.get_window_draw_list(), imgui.get_text_line_height()
     if present:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.action import Action, format_shortcut
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.menus import read_pressed_shortcut
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, scale_pixels, scale_size
 from instdrive_app.preferences.key_presets import PRESETS, find_owner
 from instdrive_app.session.requests import AskPath
+from instdrive_core.wording import phrase
 
 LABELS, KEYS, HEIGHT = 150.0, 330.0, 190.0
 """Places of columns and height of the list, in pixels at scale 1."""
@@ -32,7 +34,7 @@ class KeyList:
         self._take_key(ui)
         self._draw_presets(ui)
         imgui.set_next_item_width(-1)
-        _, self._query = imgui.input_text_with_hint("##find a key", "Command or key", self._query)
+        _, self._query = imgui.input_text_with_hint("##find a key", translate("Command or key"), self._query)
         ui.mark("preferences.keys.search")
         if imgui.begin_child("##keys", scale_size(0, HEIGHT), imgui.ChildFlags_.borders):
             for command in ui.session.actions:
@@ -43,12 +45,14 @@ class KeyList:
         self._draw_files(ui)
 
     def _matches(self, command: Action) -> bool:
-        text = f"{command.title} {command.menu} {' '.join(command.shortcuts)}".lower()
+        keys = (*command.shortcuts, *map(format_shortcut, command.shortcuts))
+        names = (command.title, translate(command.title), command.menu, translate(command.menu), *keys)
+        text = " ".join(names).lower()
         return all(word in text for word in self._query.lower().split())
 
     def _draw_presets(self, ui: Ui) -> None:
         kept = ui.session.preferences
-        draw_dim_text("Keys and mouse")
+        draw_dim_text(translate("Keys and mouse"))
         for name, preset in PRESETS.items():
             imgui.same_line(scale_pixels(LABELS) if name == next(iter(PRESETS)) else 0.0)
             if imgui.radio_button(preset.title, kept.current.preset == name):
@@ -57,16 +61,17 @@ class KeyList:
 
     def _draw_row(self, ui: Ui, command: Action) -> None:
         imgui.align_text_to_frame_padding()
-        imgui.text(fit_text(command.title, scale_pixels(KEYS - 20)))
+        imgui.text(fit_text(translate(command.title), scale_pixels(KEYS - 20)))
         imgui.same_line(scale_pixels(KEYS))
         waits = self._waiting == command.id
-        text = "press keys…" if waits else ", ".join(map(format_shortcut, command.shortcuts)) or "none"
-        if imgui.button(f"{text}##{command.id}", scale_size(130, 0)):
+        keys = ", ".join(map(format_shortcut, command.shortcuts)) or translate("none")
+        text = translate("press keys…") if waits else keys
+        if imgui.button(f"{text}###{command.id}", scale_size(130, 0)):
             self._waiting, self._conflict = command.id, None
         ui.mark(f"preferences.key.{command.id}")
         if command.id in ui.session.preferences.current.keys:
             imgui.same_line()
-            if imgui.small_button(f"Reset##{command.id}"):
+            if imgui.small_button(make_label("Reset", f"reset {command.id}")):
                 own = ui.session.preferences.current.keys
                 ui.session.preferences.change(keys={name: keys for name, keys in own.items() if name != command.id})
             ui.mark(f"preferences.key.{command.id}.reset")
@@ -92,8 +97,10 @@ class KeyList:
             return
         key, owner, wanted = self._conflict
         commands = ui.session.actions
-        imgui.text_wrapped(f"{format_shortcut(key)} is the key of “{commands[owner].title}”.")
-        if imgui.button(f"Give it to “{commands[wanted].title}”"):
+        imgui.text_wrapped(
+            translate("{key} is the key of “{title}”.", key=format_shortcut(key), title=phrase(commands[owner].title))
+        )
+        if imgui.button(make_label("Give it to “{title}”", title=phrase(commands[wanted].title))):
             left = tuple(held for held in commands[owner].shortcuts if held != key)
             kept = ui.session.preferences
             kept.change(keys={**kept.current.keys, owner: left, wanted: (key,)})
@@ -103,12 +110,12 @@ class KeyList:
     def _draw_files(self, ui: Ui) -> None:
         ways = ("Export keys…", AskPath("export_keys"), "export"), ("Import keys…", AskPath("import_keys"), "import")
         for title, request, mark in ways:
-            if imgui.button(title):
+            if imgui.button(make_label(title)):
                 ui.session.requests.put(request)
                 imgui.close_current_popup()
             ui.mark(f"preferences.keys.{mark}")
             imgui.same_line()
-        if imgui.button("Reset all keys"):
+        if imgui.button(make_label("Reset all keys")):
             ui.session.preferences.change(keys={})
         ui.mark("preferences.keys.reset")
 

@@ -6,6 +6,7 @@ import time
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.messages import Level
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
@@ -26,7 +27,7 @@ class LogPanel:
             imgui.same_line()
             if message.level is Level.ERROR:
                 imgui.push_style_color(imgui.Col_.text, rgba(ERROR))
-            imgui.text_wrapped(message.text)
+            imgui.text_wrapped(translate(message.text))
             if message.level is Level.ERROR:
                 imgui.pop_style_color()
         if log and id(log[-1]) != self._seen:

@@ -6,6 +6,7 @@ from imgui_bundle import imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import run_or_explain
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.widgets.ui import Ui, begin_icon_submenu, draw_icon_menu_item
 from instdrive_app.preferences.key_presets import KEY_NAMES, PRESETS
 
@@ -32,7 +33,7 @@ _NAMED = {
 def draw_menus(ui: Ui) -> None:
     """Fill the menu bar."""
     for menu in ui.session.actions.menus:
-        opened = imgui.begin_menu(menu)
+        opened = imgui.begin_menu(make_label(menu))
         ui.mark(f"menu {menu}")
         if opened:
             for command in ui.session.actions.in_menu(menu):
@@ -47,19 +48,19 @@ def _draw_menu_item(ui: Ui, command: Action) -> None:
     checked = command.checked() if command.checked else False
     if command.items is not None:
         _draw_submenu(ui, command)
-    elif draw_icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
+    elif draw_icon_menu_item(command.icon, make_label(command.title, command.id), shortcut, checked, command.enabled()):
         run_or_explain(ui.session, command)
     ui.mark(f"menu {command.id}")
 
 
 def _draw_submenu(ui: Ui, command: Action) -> None:
     assert command.items is not None
-    opened = begin_icon_submenu(command.icon, command.title, command.enabled())
+    opened = begin_icon_submenu(command.icon, make_label(command.title, command.id), command.enabled())
     ui.mark(f"menu {command.id}")
     if not opened:
         return
     for number, (title, run) in enumerate(command.items()):
-        if imgui.menu_item(f"{title}##{number}", "", False)[0]:
+        if imgui.menu_item(f"{title}###{number}", "", False)[0]:
             run()
         ui.mark(f"menu {command.id} {number}")
     imgui.end_menu()
@@ -117,5 +118,6 @@ def _parse_key(key: str) -> imgui.Key:
 
 
 def format_action_title(command: Action) -> str:
-    """The title, and where what the command does cannot be undone, that it cannot."""
-    return f"{command.title}  (cannot be undone)" if command.undoable is False else command.title
+    """The title in the window's language, and where what the command does cannot be undone, that it cannot."""
+    title = translate(command.title)
+    return translate("{title}  (cannot be undone)", title=title) if command.undoable is False else title

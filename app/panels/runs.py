@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import rgba
-from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, make_icon_label
 from instdrive_app.preferences.themes import DIM, GOOD, TEXT
 from instdrive_app.session.making.run_comparison import RunTable
 
@@ -30,18 +31,20 @@ class RunsPanel:
             elif changed:
                 comparison.chosen.discard(run)
         imgui.begin_disabled(comparison.is_busy or not comparison.chosen.intersection(runs))
-        if imgui.button(f"{get_icon('ICON_FA_SCALE_BALANCED')}  {'Comparing…' if comparison.is_busy else 'Compare'}"):
+        if imgui.button(
+            make_icon_label("ICON_FA_SCALE_BALANCED", "Comparing…" if comparison.is_busy else "Compare", "compare")
+        ):
             comparison.compare()
         ui.mark("runs.compare")
         imgui.end_disabled()
         if comparison.table is None:
             imgui.push_text_wrap_pos(0)
-            draw_dim_text(HINT)
+            draw_dim_text(translate(HINT))
             imgui.pop_text_wrap_pos()
         else:
             imgui.push_text_wrap_pos(0)
             for note in comparison.table.notes:
-                draw_dim_text(note)
+                draw_dim_text(translate(note))
             imgui.pop_text_wrap_pos()
             _draw_table(ui, comparison.table)
 
@@ -73,7 +76,7 @@ def _draw_table(ui: Ui, table: RunTable) -> None:
 
 def _list_columns(table: RunTable) -> list[tuple[str, list[str]]]:
     """Heads of the columns, and the texts below them."""
-    titles = ("figure", [title for title, _ in table.rows])
+    titles = (translate("figure"), [title for title, _ in table.rows])
     runs = [
         (name, [f"{cells[number].text}  {cells[number].delta}" for _, cells in table.rows])
         for number, name in enumerate(table.names)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from imgui_bundle import ImVec4, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.memory import MemoryGauge
 from instdrive_app.panels.widgets.theme import rgba
-from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, scale_pixels
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, name_work, scale_pixels
 from instdrive_app.preferences.themes import ACCENT, DIM
 from instdrive_app.session.files.document_files import list_changes
 from instdrive_core.scene.selection import Flag
@@ -40,10 +41,13 @@ class StatusBar:
         if document is not None:
             selected = int(np.count_nonzero(document.state.find_mask(Flag.SELECTED)))
             deleted = np.count_nonzero(document.state.find_mask(Flag.DELETED))
-            facts += [f"{format_count(selected, 'splat')} selected", f"{len(document.scene) - deleted:,} in total"]
+            facts += [
+                translate("{splats} selected", splats=format_count(selected, "splat")),
+                translate("{count:,} in total", count=len(document.scene) - deleted),
+            ]
             if ui.view.frame_seconds:
-                facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")
-        facts.append(f"{self._memory.resident / 2**30:.1f} GiB memory")
+                facts.append(translate("{rate:.0f} fps", rate=1 / ui.view.frame_seconds))
+        facts.append(translate("{size:.1f} GiB memory", size=self._memory.resident / 2**30))
         return [*facts, fit_text(ui.view.backend, scale_pixels(220))]
 
 
@@ -51,9 +55,10 @@ def _describe_activity(ui: Ui) -> tuple[str, ImVec4]:
     session, document = ui.session, ui.session.document
     job = session.jobs.current
     if job is not None:
-        return f"{get_icon('ICON_FA_SPINNER')}  {job.title}…", rgba(ACCENT)
+        return f"{get_icon('ICON_FA_SPINNER')}  {name_work(job)}", rgba(ACCENT)
     if document is None:
-        return "Ready", rgba(DIM)
-    name = session.files.path.name if session.files.path else "scene"
+        return translate("Ready"), rgba(DIM)
+    name = session.files.path.name if session.files.path else translate("scene")
     edits = format_count(len(list_changes(document)), "edit")
-    return f"{name}   ·   {edits}{', unsaved' if session.files.is_unsaved else ''}", rgba(DIM)
+    said = translate("{edits}, unsaved", edits=edits) if session.files.is_unsaved else translate(edits)
+    return f"{name}   ·   {said}", rgba(DIM)

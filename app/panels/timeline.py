@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.ui import (
     Ui,
     draw_action_button,
@@ -15,6 +16,7 @@ from instdrive_app.panels.widgets.ui import (
     scale_size,
 )
 from instdrive_app.state import Reference
+from instdrive_core.wording import phrase
 
 SLIDER_WIDTH = 12
 """Width, in font sizes, that slider and time need; where less is left of the line, they begin another."""
@@ -28,7 +30,8 @@ class TimelinePanel:
         session = ui.session
         document, timeline = session.document, session.navigation.timeline
         if document is None or not timeline.steps:
-            imgui.text_disabled("The scene has no cameras and no moving objects." if document else "No scene is open.")
+            text = "The scene has no cameras and no moving objects." if document else "No scene is open."
+            imgui.text_disabled(translate(text))
             return
         for name in ("time.previous", "time.play", "time.next"):
             draw_action_button(ui, session.actions[name], scale_size(30, 0))
@@ -62,10 +65,10 @@ class TimelinePanel:
             known = session.document is not None and session.document.scene.views[state.dataset_view].photo
             _draw_hint("Compare with the photo or its masks" if known else "This scene comes without its photos")
         elif state.reference_beside:
-            _draw_hint(f"{state.reference.value} beside the splats")
+            _draw_hint(phrase("{picture} beside the splats", picture=phrase(state.reference.value)))
         else:
             imgui.set_next_item_width(imgui.get_font_size() * 12)
-            form = f"{state.reference.value} %.0f %%"
+            form = f"{translate(state.reference.value)} %.0f %%"
             changed, percent = draw_bounded_slider("##reference", 100 * state.reference_opacity, 0, 100, form)
             if changed:
                 state.reference_opacity = percent / 100
@@ -75,7 +78,7 @@ class TimelinePanel:
         session = ui.session
         assert session.document is not None
         current = session.state.dataset_view
-        name = session.document.scene.views[current].name if current is not None else "Free camera"
+        name = session.document.scene.views[current].name if current is not None else translate("Free camera")
         imgui.set_next_item_width(min(imgui.get_font_size() * 12, imgui.get_content_region_avail().x))
         if imgui.begin_combo("##camera", f"{get_icon('ICON_FA_VIDEO')}  {name.replace('_', ' ')}"):
             for camera in session.navigation.timeline.camera_names:
@@ -88,6 +91,7 @@ class TimelinePanel:
 
 def _draw_hint(text: str) -> None:
     """Draw dimmed text, cut where the panel is too narrow, and whole in its tooltip then."""
+    text = translate(text)
     fitted = fit_text(text, imgui.get_content_region_avail().x)
     draw_dim_text(fitted)
     if fitted != text and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):

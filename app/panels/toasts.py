@@ -5,10 +5,11 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.jobs import Job
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.messages import Level, Message
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH
 from instdrive_app.panels.widgets.theme import pack_color, rgba
-from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, scale_pixels, scale_size
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, name_work, scale_pixels, scale_size
 from instdrive_app.preferences.themes import BACKGROUND, DIM, ERROR, GOOD
 
 WIDTH = 380.0
@@ -57,9 +58,9 @@ def _draw_toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: fl
     imgui.same_line(scale_pixels(34))
     cross = imgui.get_font_size()
     imgui.push_text_wrap_pos(width - scale_pixels(10) - cross)
-    imgui.text(
-        message.text if len(message.text) <= LONGEST else message.text[:LONGEST] + "… (see the log for the rest)"
-    )
+    text = translate(message.text)
+    rest = translate("… (see the log for the rest)")
+    imgui.text(text if len(text) <= LONGEST else text[:LONGEST] + rest)
     imgui.pop_text_wrap_pos()
     if imgui.is_window_hovered():
         imgui.set_mouse_cursor(imgui.MouseCursor_.hand)
@@ -75,7 +76,7 @@ def _draw_toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: fl
 
 def _draw_job(ui: Ui, job: Job) -> None:
     room = imgui.get_content_region_avail().x - imgui.calc_text_size("100 %").x - scale_pixels(12)
-    imgui.text(fit_text(f"{job.title}…", room) if not job.stop.is_set() else "Stopping…")
+    imgui.text(fit_text(name_work(job), room))
     known = job.share is not None
     if known:
         percent = f"{100 * (job.share or 0):.0f} %"
@@ -84,7 +85,7 @@ def _draw_job(ui: Ui, job: Job) -> None:
     imgui.progress_bar((job.share or 0.0) if known else -1.0 * imgui.get_time(), scale_size(-1, 6), "")
     imgui.set_cursor_pos_x((imgui.get_window_width() - scale_pixels(BUTTON_WIDTH)) / 2)
     imgui.begin_disabled(not known or job.stop.is_set())
-    if imgui.button("Cancel", scale_size(BUTTON_WIDTH, 0)):
+    if imgui.button(make_label("Cancel"), scale_size(BUTTON_WIDTH, 0)):
         ui.session.jobs.cancel()
     imgui.end_disabled()
     ui.mark("progress.cancel")

@@ -9,13 +9,22 @@ from imgui_bundle import ImVec2, imgui, implot
 from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import rgba
-from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_text, get_icon, scale_pixels
+from instdrive_app.panels.widgets.ui import (
+    Ui,
+    draw_action_button,
+    draw_dim_text,
+    get_icon,
+    make_icon_label,
+    scale_pixels,
+)
 from instdrive_app.preferences.themes import ACCENT, DIM, ERROR, GOOD
 from instdrive_app.session.making.job_controller import REPORT, JobController
 from instdrive_core.datasets.photos import load_photo, read_photo_size
 from instdrive_core.errors import DataError
 from instdrive_core.jobs.job_file import PICTURE, JobStage, JobState, describe_seconds, locate_job_file
+from instdrive_core.wording import phrase
 
 PLOT_HEIGHT = 110.0
 """Pixels at scale 1."""
@@ -24,10 +33,22 @@ SMOOTHING = 0.8
 SHOWN_FIGURES = (
     ("psnr", "PSNR", "{:.2f} dB"),
     ("ssim", "SSIM", "{:.3f}"),
-    ("n_gaussians", "splats", "{:,.0f}"),
-    ("n_instances", "instances", "{:,.0f}"),
+    ("n_gaussians", "Splats", "{:,.0f}"),
+    ("n_instances", "Instances", "{:,.0f}"),
 )
 """Keys, titles and forms of the figures shown of an evaluation."""
+
+
+STATUSES = {
+    "starting": phrase("starting"),
+    "running": phrase("running"),
+    "paused": phrase("paused"),
+    "interrupted": phrase("interrupted"),
+    "stopped": phrase("stopped"),
+    "failed": phrase("failed"),
+    "done": phrase("done"),
+}
+"""What the user reads of a job's state."""
 
 
 class TrainingPanel:
@@ -42,18 +63,18 @@ class TrainingPanel:
         if making.run is None:
             draw_action_button(ui, ui.session.actions["file.new"])
             imgui.same_line()
-            draw_dim_text("makes a scene of photos, a video or a drive")
+            draw_dim_text(translate("makes a scene of photos, a video or a drive"))
             return
         state = making.state
         imgui.push_font(ui.fonts.bold, 0.0)
         imgui.text(making.run.name)
         imgui.pop_font()
         imgui.same_line()
-        draw_dim_text(_describe_status(making))
+        draw_dim_text(translate(STATUSES[_describe_status(making)]))
         ui.mark(f"training.status.{_describe_status(making)}")
         _draw_buttons(ui, making)
         if state is None:
-            draw_dim_text("Starting…")
+            draw_dim_text(translate("Starting…"))
             return
         if state.problem:
             _draw_wrapped(state.problem, error=True)
@@ -80,7 +101,7 @@ class TrainingPanel:
         size = ImVec2(width, width * picture.shape[0] / picture.shape[1])
         imgui.image(imgui.ImTextureRef(ui.textures.show("training", picture)), size)
         ui.mark("training.picture")
-        draw_dim_text("Left: as it is drawn now. Right: the photo.")
+        draw_dim_text(translate("Left: as it is drawn now. Right: the photo."))
 
 
 def _describe_status(making: JobController) -> str:
@@ -116,7 +137,7 @@ def _draw_buttons(ui: Ui, making: JobController) -> None:
 
 
 def _draw_button(ui: Ui, title: str, icon: str) -> bool:
-    pressed = imgui.button(f"{get_icon(icon)}  {title}")
+    pressed = imgui.button(make_icon_label(icon, title))
     ui.mark(f"training.{title}")
     return pressed
 
@@ -126,14 +147,15 @@ def _draw_stage(state: JobState, stage: JobStage) -> None:
     icon, color = icons[stage.status]
     imgui.text_colored(rgba(color), get_icon(icon))
     imgui.same_line(2.2 * imgui.get_font_size())
-    imgui.text(stage.title)
+    imgui.text(translate(stage.title))
     if stage.status == "done":
         imgui.same_line()
-        draw_dim_text(describe_seconds(stage.seconds))
+        draw_dim_text(translate(describe_seconds(stage.seconds)))
     if stage.status != "running":
         return
     imgui.same_line()
-    draw_dim_text("" if state.seconds_left is None else f"about {describe_seconds(state.seconds_left)} left")
+    if state.seconds_left is not None:
+        draw_dim_text(translate("about {time} left", time=describe_seconds(state.seconds_left)))
     imgui.progress_bar(stage.share or 0.0, ImVec2(-1, scale_pixels(6)), "")
     if state.doing:
         _draw_wrapped(state.doing)
@@ -144,7 +166,7 @@ def _draw_figures(making: JobController) -> None:
     known = [(key, title, form) for key, title, form in SHOWN_FIGURES if isinstance(figures.get(key), (int, float))]
     if known:
         imgui.push_text_wrap_pos(0)
-        imgui.text(",  ".join(f"{title} {form.format(figures[key])}" for key, title, form in known))
+        imgui.text(",  ".join(f"{translate(title)} {form.format(figures[key])}" for key, title, form in known))
         imgui.pop_text_wrap_pos()
 
 
@@ -165,7 +187,7 @@ def _draw_curves(ui: Ui, state: JobState) -> None:
 
 def _draw_plot(ui: Ui, title: str, steps: Float64[ndarray, " n"], values: Float64[ndarray, " n"]) -> None:
     flags = implot.Flags_.no_legend | implot.Flags_.no_inputs | implot.Flags_.no_menus
-    if implot.begin_plot(f"{title}##curve", ImVec2(-1, scale_pixels(PLOT_HEIGHT)), flags):
+    if implot.begin_plot(f"{translate(title)}###curve {title}", ImVec2(-1, scale_pixels(PLOT_HEIGHT)), flags):
         fit = implot.AxisFlags_.auto_fit
         implot.setup_axes("", "", fit, fit)
         implot.plot_line(title, steps, values)
@@ -183,7 +205,7 @@ def smooth_curve(values: Float64[ndarray, " n"]) -> Float64[ndarray, " n"]:
 
 def _draw_wrapped(text: str, error: bool = False) -> None:
     imgui.push_text_wrap_pos(0)
-    imgui.text_colored(rgba(ERROR if error else DIM), text)
+    imgui.text_colored(rgba(ERROR if error else DIM), translate(text))
     imgui.pop_text_wrap_pos()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.actions.pictures import delete_view, show_bookmark
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_text, fit_text, get_icon, scale_pixels
 from instdrive_app.preferences.themes import ACCENT, DIM, LINE
@@ -23,14 +24,14 @@ class ViewsPanel:
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         if ui.session.document is None:
-            imgui.text_disabled("No scene is open.")
+            imgui.text_disabled(translate("No scene is open."))
             return
         draw_action_button(ui, ui.session.actions["view.keep"])
         imgui.same_line()
-        draw_dim_text(fit_text("keeps the present view", imgui.get_content_region_avail().x))
+        draw_dim_text(fit_text(translate("keeps the present view"), imgui.get_content_region_avail().x))
         if not len(ui.session.aids.bookmarks):
             imgui.push_text_wrap_pos(0)
-            imgui.text_disabled("Kept views are saved with the project.")
+            imgui.text_disabled(translate("Kept views are saved with the project."))
             imgui.pop_text_wrap_pos()
         for index, kept in enumerate(ui.session.aids.bookmarks.kept):
             imgui.push_id(index)
@@ -45,7 +46,7 @@ class ViewsPanel:
         ui.mark(f"views.go.{index}")
         _draw_thumbnail(ui, index, kept, at, width, height)
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip(f"Go to {kept.name}")
+            imgui.set_tooltip(translate("Go to {name}", name=kept.name))
         imgui.same_line()
         imgui.begin_group()
         if bookmarks.named == index:
@@ -56,13 +57,13 @@ class ViewsPanel:
             bookmarks.named = index
         ui.mark(f"views.rename.{index}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Rename")
+            imgui.set_tooltip(translate("Rename"))
         imgui.same_line()
         if imgui.small_button(get_icon("ICON_FA_TRASH")):
             delete_view(ui.session, index)
         ui.mark(f"views.delete.{index}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Delete this view; it cannot be undone")
+            imgui.set_tooltip(translate("Delete this view; it cannot be undone"))
         imgui.end_group()
 
     def _draw_name(self, ui: Ui, index: int, kept: Bookmark) -> None:
@@ -114,7 +115,7 @@ def _draw_thumbnail(ui: Ui, index: int, kept: Bookmark, at: ImVec2, width: float
         rows, columns = kept.thumbnail.shape[:2]
         factor = min(width / columns, height / rows)
         left, top = at.x + (width - columns * factor) / 2, at.y + (height - rows * factor) / 2
-        texture = imgui.ImTextureRef(ui.textures.show(f"kept view {index}", kept.thumbnail))
+        texture = imgui.ImTextureRef(ui.textures.show(f"kept_view_{index}", kept.thumbnail))
         draw.add_image(texture, ImVec2(left, top), ImVec2(left + columns * factor, top + rows * factor))
     is_current = ui.session.aids.bookmarks.current == index
     draw.add_rect(at, corner, pack_color(ACCENT if is_current else LINE), scale_pixels(3), thickness=scale_pixels(1.5))

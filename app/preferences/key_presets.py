@@ -10,6 +10,7 @@ from typing import Literal
 
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
+from instdrive_core.wording import phrase
 
 Keys = Mapping[str, tuple[str, ...]]
 """Shortcuts by IDs of actions."""
@@ -174,22 +175,32 @@ def read_keys(path: Path, known: Keys) -> tuple[str, dict[str, tuple[str, ...]]]
         stored = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise DataError(
-            path, f"these keys cannot be read ({error})", "Choose a file that Preferences exported"
+            path, phrase("these keys cannot be read ({error})", error=error), "Choose a file that Preferences exported"
         ) from error
     if not isinstance(stored, dict) or not isinstance(stored.get("keys"), dict) or stored.get("preset") not in PRESETS:
         raise DataError(path, "fields 'preset' and 'keys' are missing", "Choose a file that Preferences exported")
     own: dict[str, tuple[str, ...]] = {}
     for name, keys in stored["keys"].items():
         if name not in known:
-            raise DataError(path, f"there is no command {name!r}", "Delete its line")
+            raise DataError(path, phrase("there is no command {name!r}", name=name), "Delete its line")
         if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):
             raise DataError(
-                path, f"keys of {name!r} must be a list of texts, not {keys!r}", "Write keys like ['Ctrl+D']"
+                path,
+                phrase("keys of {name!r} must be a list of texts, not {keys!r}", name=name, keys=keys),
+                "Write keys like ['Ctrl+D']",
             )
         for key in keys:
             if not is_shortcut(key):
-                raise DataError(path, f"there is no key {key!r} ({name!r})", "Write keys like 'Ctrl+Shift+D' or 'F5'")
+                raise DataError(
+                    path,
+                    phrase("there is no key {key!r} ({name!r})", key=key, name=name),
+                    "Write keys like 'Ctrl+Shift+D' or 'F5'",
+                )
             if (owner := find_owner(own, key, name)) is not None:
-                raise DataError(path, f"{key} is the key of {owner!r} and of {name!r}", "Keep one of them")
+                raise DataError(
+                    path,
+                    phrase("{key} is the key of {owner!r} and of {name!r}", key=key, owner=owner, name=name),
+                    "Keep one of them",
+                )
         own[name] = tuple(keys)
     return stored["preset"], own

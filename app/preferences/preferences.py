@@ -9,10 +9,12 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from instdrive_app.language.languages import CHOICES, SYSTEM
 from instdrive_app.preferences.key_presets import DEFAULT_PRESET, PRESETS, Keys, is_shortcut
 from instdrive_app.preferences.themes import DEFAULT_THEME, THEMES
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
+from instdrive_core.wording import phrase
 
 _log = logging.getLogger(__name__)
 
@@ -29,6 +31,8 @@ class Preferences:
     """Whether the first steps were shown and closed."""
     preset: str = DEFAULT_PRESET
     """A name of `PRESETS`: the keys and mouse gestures."""
+    language: str = SYSTEM
+    """One of `CHOICES`: a language of the window, or that of the desktop."""
     keys: Keys = field(default_factory=dict)
     """The user's own keys, by IDs of actions."""
 
@@ -37,7 +41,7 @@ def read_preferences(stored: Any, report: Callable[[str], None]) -> Preferences:
     """Read preferences as `asdict` stores them; what does not fit is reported and left at its default."""
     chosen = Preferences()
     if not isinstance(stored, Mapping):
-        report(f"a list of choices was expected, not {type(stored).__name__}")
+        report(phrase("a list of choices was expected, not {kind}", kind=type(stored).__name__))
         return chosen
     stored = {**stored, "keys": _read_own_keys(stored.get("keys"))}
     for name, fits in _FITS.items():
@@ -45,7 +49,7 @@ def read_preferences(stored: Any, report: Callable[[str], None]) -> Preferences:
         if fits(value):
             chosen = replace(chosen, **{name: value})
         else:
-            report(f"{name} cannot be {value!r}")
+            report(phrase("{name} cannot be {value!r}", name=name, value=value))
     return chosen
 
 
@@ -64,6 +68,7 @@ _FITS: dict[str, Callable[[Any], bool]] = {
     "safe_colors": lambda value: isinstance(value, bool),
     "knows_first_steps": lambda value: isinstance(value, bool),
     "preset": lambda value: isinstance(value, str) and value in PRESETS,
+    "language": lambda value: isinstance(value, str) and value in CHOICES,
     "keys": lambda value: value is not None,
 }
 """For each field, whether a stored value fits it."""

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, UInt16
 from numpy import ndarray
 
+from instdrive_app.messages import read_error
 from instdrive_app.session.context import SessionContext
 from instdrive_core import progress
 from instdrive_core.edits.bases.append import AppendEdit
@@ -25,6 +26,7 @@ from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import format_count, phrase
 
 SETTLE_SECONDS = 0.6
 """Time for which a move stays the last step before the place it left is reviewed."""
@@ -58,7 +60,8 @@ class DeletionFindings:
     @property
     def title(self) -> str:
         """``Deleted Car 17``."""
-        return f"{'Moved' if self.is_move else 'Deleted'} {self.report.name}"
+        name = self.report.name
+        return phrase("Moved {name}", name=name) if self.is_move else phrase("Deleted {name}", name=name)
 
     @property
     def residue_count(self) -> int:
@@ -213,7 +216,9 @@ class DeletionReview:
         if found is None or not found.residue_count or found.absorption is None:
             return
         if self._context.apply(found.absorption):
-            self._messages.info(f"{len(found.report.residue):,} splats of residue deleted")
+            self._messages.info(
+                phrase("{splats} of residue deleted", splats=format_count(len(found.report.residue), "splat"))
+            )
 
     def fill(self) -> None:
         """Fill the hole with ground like that around it, computed in the background."""
@@ -228,7 +233,7 @@ class DeletionReview:
             self._filling = False
             if self._context.document is document and self._context.apply(edit):
                 found.fill_edit = edit
-                self._messages.info(f"Filled a hole of {edit.area:.1f} m² with synthetic ground")
+                self._messages.info(phrase("Filled a hole of {area:.1f} m² with synthetic ground", area=edit.area))
                 if self._fills_all and self._find_last_hole() is not None:
                     self.fill()
                 else:
@@ -237,7 +242,7 @@ class DeletionReview:
         def handle_failure(error: BaseException) -> bool:
             self._filling = self._fills_all = False
             if isinstance(error, EditError):
-                self._messages.error(f"The hole cannot be filled: {error}")
+                self._messages.error(phrase("The hole cannot be filled: {error}", error=read_error(error)))
             return isinstance(error, EditError)
 
         self._jobs.submit(
@@ -293,10 +298,14 @@ class DeletionReview:
                 return
             self._findings.append(found)
             if is_told:
-                summary = f"hole of {found.report.fill_area:.1f} m² where it stood" if is_move else found.report.summary
-                self._messages.info(f"{found.title}: {summary}")
+                summary = (
+                    phrase("hole of {area:.1f} m² where it stood", area=found.report.fill_area)
+                    if is_move
+                    else found.report.summary
+                )
+                self._messages.info(phrase("{title}: {summary}", title=found.title, summary=summary))
 
-        self._jobs.submit_in_background(f"Reviewing “{deletion.title}”", look, finish)
+        self._jobs.submit_in_background(phrase("Reviewing “{title}”", title=deletion.title), look, finish)
 
 
 def _read_subjects(stored: object, document: Document) -> list[_Subject] | None:

@@ -45,7 +45,7 @@ from instdrive_core.filming.path_file import FIELD
 from instdrive_core.formats.registry import find_stated_up
 from instdrive_core.scene.lint import HARMFUL
 from instdrive_core.scene.transforms import Similarity
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 
 class EditorSession:
@@ -108,11 +108,14 @@ class EditorSession:
         self.state.hovered = 0
         self.references.forget()
         self.navigation.enter(document)
-        name = path.name if path else "the scene"
+        name = path.name if path else phrase("the scene")
         # Where there are no instances, a region would select nothing.
         self.state.region_splats = len(scene.table) == 0
-        instances = f", {format_count(len(scene.table), 'instance')}" if len(scene.table) else ""
-        self.messages.info(f"Opened {name}: {format_count(len(scene), 'splat')}{instances}")
+        splats, instances = format_count(len(scene), "splat"), format_count(len(scene.table), "instance")
+        told = phrase("Opened {name}: {splats}", name=name, splats=splats)
+        if len(scene.table):
+            told = phrase("Opened {name}: {splats}, {instances}", name=name, splats=splats, instances=instances)
+        self.messages.info(told)
         self.orientation.enter(document, find_stated_up(path) if path else None)
 
     def _enter(self, opened: OpenedDocument) -> None:

@@ -11,7 +11,7 @@ from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, 
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_core.project.export import make_file_name
 from instdrive_core.project.sources import is_source
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 
 class ExportController:
@@ -35,7 +35,8 @@ class ExportController:
         # Once, since counting a million splats takes longer than a frame; nothing changes while the dialog is open.
         self.amounts = {name: kind.amount(document) for name, kind in KINDS.items()} if document is not None else {}
         keys = self._context.state.path_keys
-        self.amounts["film"] = f"{format_count(len(keys), 'key')}, {keys[-1].at - keys[0].at:.1f} s" if keys else ""
+        count = format_count(len(keys), "key")
+        self.amounts["film"] = phrase("{keys}, {time:.1f} s", keys=count, time=keys[-1].at - keys[0].at) if keys else ""
 
     def propose_path(self) -> Path:
         """Propose a path for the choice, in the folder of the last export or of the scene."""
@@ -61,7 +62,9 @@ class ExportController:
         if document is None:
             return
         if is_source(path, document):
-            self._context.messages.error(f"{path.name} is the scene that the edits build on. Export under another name")
+            self._context.messages.error(
+                phrase("{name} is the scene that the edits build on. Export under another name", name=path.name)
+            )
             return
         request = ExportRequest.capture(document, path, choice or self.choice, self._context.state)
         write = KINDS[request.choice.what].write
@@ -70,4 +73,4 @@ class ExportController:
             self._files.last_export = path
             self._context.messages.info(message)
 
-        self._context.jobs.submit(f"Exporting {path.name}", lambda: write(request), finish)
+        self._context.jobs.submit(phrase("Exporting {name}", name=path.name), lambda: write(request), finish)

@@ -30,7 +30,7 @@ from instdrive_core.rasterize.pictures import Look, draw_picture
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import format_count
+from instdrive_core.wording import Phrase, format_count, phrase
 
 What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view", "film", "nurec"]
 WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix.startswith(".") and fmt.write is not None)
@@ -145,7 +145,7 @@ def _write_scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str
     keeps_tracks = choice.keep_tracks and find_format_to_write(path, sibr)[0].keeps_tracks
     time = None if keeps_tracks else request.time
     count = export_scene(request.document, path, time, rows, sibr=sibr, start=_make_start(request))
-    return f"Exported {format_count(count, 'splat')} to {path}, read back and compared"
+    return phrase("Exported {splats} to {path}, read back and compared", splats=format_count(count, "splat"), path=path)
 
 
 def _make_start(request: ExportRequest) -> Camera:
@@ -159,16 +159,26 @@ def _write_instances(request: ExportRequest) -> str:
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_instances(request.document, request.path, ids, request.time, choice.suffix, sibr=sibr)
     skipped = (
-        f"; {format_count(written.skipped, 'instance')} not present at {request.time:g} s" if written.skipped else ""
+        phrase(
+            "{instances} not present at {time:g} s",
+            instances=format_count(written.skipped, "instance"),
+            time=request.time,
+        )
+        if written.skipped
+        else ""
     )
-    return f"{_describe_parts(written, 'instance', request.path)}{skipped}"
+    told = _describe_parts(written, format_count(len(written.files), "instance"), request.path)
+    return phrase("{told}; {skipped}", told=told, skipped=skipped) if skipped else told
 
 
 def _write_actors(request: ExportRequest) -> str:
     choice, nodes = request.choice, choose_actors(request.document)
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_actors(request.document, request.path, nodes, choice.suffix, sibr=sibr)
-    return f"{_describe_parts(written, 'actor', request.path)}; their poses are in .poses.json"
+    return phrase(
+        "{parts}; their poses are in .poses.json",
+        parts=_describe_parts(written, format_count(len(written.files), "actor"), request.path),
+    )
 
 
 def _write_objects(request: ExportRequest) -> str:
@@ -176,8 +186,10 @@ def _write_objects(request: ExportRequest) -> str:
         scene = bake_document(request.document, to_read=True)
     hulls = request.choice.hulls
     written = write_objects(request.path, scene, request.time, "hull" if hulls else "box")
-    shapes = "hulls" if hulls else "boxes"
-    return f"Exported the {shapes} of {format_count(len(written), 'instance')} to {request.path}"
+    instances, path = format_count(len(written), "instance"), request.path
+    if hulls:
+        return phrase("Exported the hulls of {instances} to {path}", instances=instances, path=path)
+    return phrase("Exported the boxes of {instances} to {path}", instances=instances, path=path)
 
 
 def _write_masks(request: ExportRequest) -> str:
@@ -188,7 +200,7 @@ def _write_masks(request: ExportRequest) -> str:
     with report_span(_BAKING, 1.0):
         maps = render_id_maps(scene, views, request.choice.scale)
         count = write(request.path, scene, maps, lambda done: report(done / len(views)))
-    return f"Exported the masks of {format_count(count, 'photo')} to {request.path}"
+    return phrase("Exported the masks of {photos} to {path}", photos=format_count(count, "photo"), path=request.path)
 
 
 def _write_cameras(request: ExportRequest) -> str:
@@ -199,7 +211,7 @@ def _write_cameras(request: ExportRequest) -> str:
             report(number / len(views))
             path = request.path / view.name / f"{view.index:02d}.png"
             _save_picture(path, scene, view.camera, view.time, request)
-    return f"Exported {format_count(len(views), 'picture')} to {request.path}"
+    return phrase("Exported {pictures} to {path}", pictures=format_count(len(views), "picture"), path=request.path)
 
 
 def _write_view(request: ExportRequest) -> str:
@@ -208,25 +220,29 @@ def _write_view(request: ExportRequest) -> str:
     camera = Camera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height, pose)
     with report_span(_BAKING, 1.0):
         _save_picture(request.path, scene, camera, request.time, request)
-    return f"Exported the picture to {request.path}"
+    return phrase("Exported the picture to {path}", path=request.path)
 
 
 def _write_film(request: ExportRequest) -> str:
     if request.path.suffix.lower() == ".json":
         write_camera_path(request.path, request.path_keys)
-        return f"Exported the {format_count(len(request.path_keys), 'key')} of the camera path to {request.path}"
+        return phrase(
+            "Exported the {keys} of the camera path to {path}",
+            keys=format_count(len(request.path_keys), "key"),
+            path=request.path,
+        )
     path, film = CameraPath(request.path_keys), request.choice.film
     check_film(path.end - path.start, film, request.path)
     scene = _bake_shown_scene(request)
     with report_span(_BAKING, 1.0):
         count = write_film(request.path, scene, path, film)
-    return f"Exported a film of {format_count(count, 'frame')} to {request.path}"
+    return phrase("Exported a film of {frames} to {path}", frames=format_count(count, "frame"), path=request.path)
 
 
 def _write_nurec(request: ExportRequest) -> str:
     tracks = request.choice.nurec_tracks.strip()
     plan = export_hand_over(request.document, request.path, Path(tracks).expanduser() if tracks else None)
-    return f"Handed over to {request.path}: {describe_hand_over(plan)}"
+    return phrase("Handed over to {path}: {hand_over}", path=request.path, hand_over=describe_hand_over(plan))
 
 
 def _bake_shown_scene(request: ExportRequest) -> Scene:
@@ -240,13 +256,21 @@ def _bake_shown_scene(request: ExportRequest) -> Scene:
 def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request: ExportRequest) -> None:
     camera = camera.scale(request.choice.scale)
     if max(camera.width, camera.height) > MAX_SIDE:
-        raise OptionError(f"a picture of {camera.width} × {camera.height} pixels is too large; choose a smaller size")
+        raise OptionError(
+            phrase(
+                "a picture of {width} × {height} pixels is too large; choose a smaller size",
+                width=camera.width,
+                height=camera.height,
+            )
+        )
     save_png(path, draw_picture(scene, camera, time, RENDERED_MODES[request.view_mode]))
 
 
-def _describe_parts(written: ExportedParts, noun: str, folder: Path) -> str:
-    files, splats = format_count(len(written.files), noun), format_count(written.splats, "splat")
-    return f"Exported {files} of {splats} to {folder}, read back and compared"
+def _describe_parts(written: ExportedParts, files: Phrase, folder: Path) -> str:
+    splats = format_count(written.splats, "splat")
+    return phrase(
+        "Exported {files} of {splats} to {folder}, read back and compared", files=files, splats=splats, folder=folder
+    )
 
 
 def _count_splats(document: Document) -> str:
@@ -256,13 +280,17 @@ def _count_splats(document: Document) -> str:
 
 def _count_selected_splats(document: Document) -> str:
     count, instances = len(document.state.find_rows(Flag.SELECTED)), len(document.find_selected_instances())
-    return f"{format_count(count, 'splat')} of {format_count(instances, 'instance')}" if count else ""
+    found = phrase(
+        "{splats} of {instances}", splats=format_count(count, "splat"), instances=format_count(instances, "instance")
+    )
+    return found if count else ""
 
 
 def _count_chosen_instances(document: Document) -> str:
     count = len(choose_instances(document))
-    selected = "selected " if document.find_selected_instances() else ""
-    return format_count(count, f"{selected}instance") if count else ""
+    selected = bool(document.find_selected_instances())
+    found = format_count(count, "selected instance") if selected else format_count(count, "instance")
+    return found if count else ""
 
 
 def _count_instances(document: Document) -> str:
@@ -273,8 +301,9 @@ def _count_instances(document: Document) -> str:
 
 def _count_actors(document: Document) -> str:
     count = len(choose_actors(document))
-    selected = "selected " if find_selected_actors(document) else ""
-    return format_count(count, f"{selected}actor") if count else ""
+    selected = bool(find_selected_actors(document))
+    found = format_count(count, "selected actor") if selected else format_count(count, "actor")
+    return found if count else ""
 
 
 def _count_photos(document: Document) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from instdrive_app.messages import read_error
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.state import Viewpoint
@@ -24,6 +25,7 @@ from instdrive_core.formats.registry import find_stated_up, open_scene
 from instdrive_core.instances.table import compute_middle_bounds
 from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.up_estimate import UpEstimate, estimate_up
+from instdrive_core.wording import phrase
 
 NEAREST = 8.0
 """Metres from the camera to a small inserted object; larger ones stand farther away."""
@@ -73,7 +75,7 @@ class InsertController:
             mode = "replace" if edge is None else "add"
             if self._context.document is document and self._movement.apply_and_select(edit, edit.added_instances, mode):
                 self._state.tool = "move"
-                self._messages.info(f"Inserted {path.name}{spot.note}")
+                self._messages.info(_tell_place(path.name, spot.note))
                 if estimate is not None:
                     self._ask_up(estimate, edit.added_ids)
                 self._insert_next(others, spot.edge)
@@ -82,7 +84,7 @@ class InsertController:
             self._insert_next(others, edge)
             return False
 
-        self._jobs.submit(f"Inserting {path.name}", work, finish, on_failure=handle_failure)
+        self._jobs.submit(phrase("Inserting {name}", name=path.name), work, finish, on_failure=handle_failure)
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: flo
     low, high = np.array(compute_middle_bounds(means))
     if is_made_of_points(source) and measure_distance(document, source, 0.5 * (low + high)) < FARTHEST_MIDDLE:
         x, y, z = measure_offset(document, source).tolist()
-        return Spot((x, y, z), 0.0, " where its coordinates have it")
+        return Spot((x, y, z), 0.0, phrase("where its coordinates have it"))
     size, right = (high - low)[:2], _find_right(viewpoint)
     half_width = float(np.abs(right[:2]) @ size) / 2
     aside = 0.0 if edge is None else edge + GAP + half_width
@@ -127,9 +129,18 @@ def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: flo
         ground = find_ground_below(document, (), place)
     except EditError as error:
         ground = float(viewpoint.position[2]) - EYE_HEIGHT
-        note = f"; {error}, so it stands {EYE_HEIGHT:g} m below the camera"
+        note = phrase("{error}, so it stands {height:g} m below the camera", error=read_error(error), height=EYE_HEIGHT)
     x, y = (place - (low + high) / 2)[:2].tolist()
     return Spot((x, y, ground - bottom), aside + half_width, note)
+
+
+def _tell_place(name: str, note: str) -> str:
+    """Say that something was inserted, and what there is to say about the place."""
+    return (
+        phrase("Inserted {name}: {note}", name=name, note=phrase(note))
+        if note
+        else phrase("Inserted {name}", name=name)
+    )
 
 
 def is_made_of_points(source: Scene) -> bool:

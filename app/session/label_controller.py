@@ -16,7 +16,7 @@ from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.progress import report
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 Ids = tuple[int, ...]
 
@@ -36,7 +36,13 @@ class LabelController:
         target = into if into is not None else max(ids, key=lambda i: (table[i].count, -i))
         others = tuple(i for i in ids if i != target)
         if self._context.apply(lambda: MergeInstances(others, target)):
-            self._messages.info(f"{table[target].name} now has {format_count(table[target].count, 'splat')}")
+            self._messages.info(
+                phrase(
+                    "{name} now has {splats}",
+                    name=table[target].name,
+                    splats=format_count(table[target].count, "splat"),
+                )
+            )
 
     def split(self, split: SplitInstance) -> None:
         """Split an instance into its separate parts; immediate where the edit is prepared."""
@@ -44,7 +50,8 @@ class LabelController:
         before = len(document.scene.table) if document else 0
         if document is not None and self._context.apply(split):
             count = len(document.scene.table) - before
-            self._messages.info(f"{format_count(count, 'new instance')} from {_find_name(document, split.id)}")
+            made = format_count(count, "new instance")
+            self._messages.info(phrase("{instances} from {name}", instances=made, name=_find_name(document, split.id)))
 
     def reassign(self, into: int | None) -> None:
         """Assign the selected splats to an instance, to a new one (None), or to none (0)."""
@@ -52,9 +59,9 @@ class LabelController:
         if document is None or not self._context.apply(lambda: ReassignSelected(into)):
             return
         if into is None:
-            self._messages.info(f"New instance {document.first_free_id - 1} from the selected splats")
+            self._messages.info(phrase("New instance {id} from the selected splats", id=document.first_free_id - 1))
         elif into:
-            self._messages.info(f"The selected splats belong to {_find_name(document, into)}")
+            self._messages.info(phrase("The selected splats belong to {name}", name=_find_name(document, into)))
         else:
             self._messages.info("The selected splats belong to no instance")
 
@@ -87,10 +94,15 @@ class LabelController:
         if len(edits) == 1:
             done = self._context.apply(edits[0])
         else:
-            done = self._context.apply(CompoundEdit(edits, f"Absorb floaters of {len(edits)} instances"))
+            done = self._context.apply(
+                CompoundEdit(
+                    edits, phrase("Absorb floaters of {instances}", instances=format_count(len(edits), "instance"))
+                )
+            )
         if done:
             count = sum(table[i].count for i in ids if i in table) - before
-            self._messages.info(f"{format_count(count, 'floater')} absorbed" if count > 0 else "No floaters were found")
+            absorbed = phrase("{floaters} absorbed", floaters=format_count(count, "floater"))
+            self._messages.info(absorbed if count > 0 else "No floaters were found")
 
     def find_objects(self) -> None:
         """Make instances of what stands on the ground and belongs to none; they are searched in the background."""
@@ -107,7 +119,7 @@ class LabelController:
                 self.find_objects()
             elif self._context.apply(edit):
                 found = format_count(len(document.scene.table) - before, "object")
-                self._messages.info(f"{found} found; click them like any instance")
+                self._messages.info(phrase("{found} found; click them like any instance", found=found))
 
         self._jobs.submit("Looking for objects", lambda: edit.prepare(frozen), finish, modal=False)
 

@@ -32,12 +32,14 @@ from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import extract_scale
 from instdrive_core.scene.vehicle_path import PathKey
+from instdrive_core.wording import phrase
 
 COPY_GAP = 0.5
 """Metres between an object and its copy."""
 LEAST_DRIVE = 0.5
 """Metres: what goes less far stands, but for errors of its boxes."""
 Ids = tuple[int, ...]
+_CHANGE_WAYS, _PARK = "Change the ways of {count} objects", "Park {count} objects"
 
 
 @dataclass
@@ -191,14 +193,14 @@ class MoveController:
     def change_ways(self, template: Template, amount: float = 0.0) -> None:
         """Let what drives of the selection drive another way from the shown time on, as `change_way` has it."""
         time = self._state.time
-        self._drive(lambda track: change_way(track, template, amount, time), "Change the ways of")
+        self._drive(lambda track: change_way(track, template, amount, time), _CHANGE_WAYS)
 
     def park(self) -> None:
         """Park what drives of the selection where it is now."""
         time = self._state.time
-        self._drive(lambda track: park_at(track, time), "Park")
+        self._drive(lambda track: park_at(track, time), _PARK)
 
-    def _drive(self, find_keys: Callable[[Track], Sequence[PathKey]], verb: str) -> None:
+    def _drive(self, find_keys: Callable[[Track], Sequence[PathKey]], title: str) -> None:
         document = self._document
         entries = [document.scene.table[number] for number in self.ids]
         first = {entry.node: entry for entry in reversed(entries) if entry.node}
@@ -206,7 +208,7 @@ class MoveController:
             drive_instance(entry, find_keys(document.scene.actors[node - 1])) for node, entry in sorted(first.items())
         )
         if steps:
-            many = f"{verb} {len(steps)} objects"
+            many = phrase(title, count=len(steps))
             self._context.apply(lambda: steps[0] if len(steps) == 1 else CompoundEdit(steps, many))
 
     def put_on_ground(self) -> None:

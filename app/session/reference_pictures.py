@@ -12,12 +12,14 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
 
+from instdrive_app.messages import read_error
 from instdrive_app.state import Reference
 from instdrive_core.datasets.photos import load_photo, read_photo_size
 from instdrive_core.errors import DataError, InstDriveError
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.label_map_folder import SIDECAR, FrameMasks, open_masks
 from instdrive_core.scene.camera import CameraView
+from instdrive_core.wording import phrase
 
 _log = logging.getLogger(__name__)
 MAX_PICTURES = 16
@@ -63,9 +65,16 @@ class ReferencePictures:
             self._told.add(key)
             if not isinstance(error, InstDriveError):
                 _log.error("reading %s failed", key, exc_info=error)
-                self._report_error(f"{view.name}/{view.index:02d} cannot be shown: {error!r}. Help › Log file has more")
+                self._report_error(
+                    phrase(
+                        "{name}/{index:02d} cannot be shown: {error!r}. Help › Log file has more",
+                        name=view.name,
+                        index=view.index,
+                        error=error,
+                    )
+                )
             elif not _is_held_back(view, kind):
-                self._report_error(str(error))
+                self._report_error(read_error(error))
         return None
 
     def explain_missing(self, view: CameraView, kind: Reference) -> str:

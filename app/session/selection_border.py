@@ -7,6 +7,7 @@ from instdrive_app.session.context import SessionContext
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.grow import BorderEdit, GrowSelection, ShrinkSelection
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 AT_ONCE = 20_000
 """Selected splats up to which the search takes no longer than a frame."""
@@ -54,7 +55,11 @@ class SelectionBorder:
                 self._finish(edit)
             else:
                 self._following.clear()
-                self._messages.info(f"{_TITLES[kind]} was cancelled because the scene changed in the meantime")
+                self._messages.info(
+                    phrase(
+                        "{title} was cancelled because the scene changed in the meantime", title=phrase(_TITLES[kind])
+                    )
+                )
 
         self._job = self._jobs.submit(_TITLES[kind], lambda: edit.prepare(frozen), finish, modal=False)
 

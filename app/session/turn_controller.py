@@ -29,6 +29,7 @@ from instdrive_core.scene.upright import (
     compute_upright_rotation,
     find_nearest_axis,
 )
+from instdrive_core.wording import phrase
 
 VIEW_SNAP = 10.0
 """Degrees from an axis within which the view's up means the axis: nobody can tilt the view more exactly."""
@@ -178,8 +179,12 @@ class TurnController:
         self.offer = TurnOffer(found)
         if found.confident:
             self._messages.info(
-                f"This scene seems to lie on its side: {found.words} is up, judging by {found.reason}. "
-                "Move › Turn upright… turns it"
+                phrase(
+                    "This scene seems to lie on its side: {words} is up, judging by {reason}. Move › Turn "
+                    "upright… turns it",
+                    words=found.words,
+                    reason=found.reason,
+                )
             )
 
 

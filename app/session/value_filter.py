@@ -22,7 +22,7 @@ from instdrive_core.edits.queries.splat_values import (
     find_scene_floaters,
     list_splat_values,
 )
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 BINS = 60
 """Bars of the histogram."""
@@ -95,8 +95,9 @@ class ValueFilter:
         def finish(rows: Int64[ndarray, " m"]) -> None:
             if self._context.document is document and len(rows):
                 self._context.apply(lambda: SelectRows(rows))
-            found = format_count(len(rows), "floater") if len(rows) else "No floaters"
-            self._context.messages.info(f"{found} found; Delete removes what is selected" if len(rows) else found)
+            found = format_count(len(rows), "floater")
+            told = phrase("{floaters} found; Delete removes what is selected", floaters=found)
+            self._context.messages.info(told if len(rows) else "No floaters")
 
         self._context.jobs.submit(
             "Looking for floaters", lambda: find_scene_floaters(frozen, limits), finish, modal=False

@@ -10,6 +10,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from instdrive_app.language.translation import get_language
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_core.edits.kinds.light.lay_shadow import find_shadowed
 from instdrive_core.scene.selection import Flag
@@ -42,6 +43,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
     state: dict[str, Any] = {
         "busy": session.jobs.current.title if session.jobs.current else None,
         "settled": ui.view.settled,
+        "language": get_language(),
         "preferences": asdict(session.preferences.current),
         "messages": [message.text for message in session.messages.log],
         "widgets": {name: [round(value, 1) for value in rect] for name, rect in sorted(ui.marks.items())},

@@ -15,6 +15,8 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_app.actions import register_actions
+from instdrive_app.language.languages import ENGLISH, resolve_language
+from instdrive_app.language.translation import get_language, speak, translate
 from instdrive_app.panels.dialogs import DialogHost
 from instdrive_app.panels.dialogs.registry import DIALOGS
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
@@ -33,8 +35,14 @@ from instdrive_app.session.requests import ReceiveDrop, Request, ShowPanel, do_n
 from instdrive_app.shell.display import DisplayError, has_display
 from instdrive_app.shell.file_drops import accept_drops
 from instdrive_app.shell.report import Reporter
-from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, build_runner_parameters
+from instdrive_app.shell.window_layout import (
+    IDLE_FPS,
+    WAITING_FPS,
+    WindowOptions,
+    build_runner_parameters,
+)
 from instdrive_app.tools.registry import create_tools
+from instdrive_core.wording import phrase
 
 _log = logging.getLogger(__name__)
 
@@ -53,6 +61,10 @@ class EditorWindow:
         self._wants_screenshot = False
         self._dialogs = DialogHost(DIALOGS)
         self._status, self._title, self._theme = StatusBar(), "", ""
+        self._labels = {record.title: record.title for record in PANELS}
+        """Names of the docked windows, by the panels' titles. Layouts are read and saved under the titles."""
+        self._language = (session.preferences.current.language, self._options.language)
+        """What was chosen in Preferences when the window's language was last set, and the language asked for."""
         self._read_names: tuple[int, object] | None = None
         """Document and version of the table whose names were looked through."""
         self._told_letters: set[str] = set()
@@ -93,8 +105,12 @@ class EditorWindow:
             return error
         display = os.environ.get("DISPLAY", "not set")
         return DisplayError(
-            f"the window could not be opened ({error}). It needs a display (DISPLAY is {display}) and OpenGL 3.3; "
-            "check the display, or update the graphics driver"
+            phrase(
+                "the window could not be opened ({error}). It needs a display (DISPLAY is {display}) "
+                "and OpenGL 3.3; check the display, or update the graphics driver",
+                error=error,
+                display=display,
+            )
         )
 
     def screenshot(self) -> Iterator[None]:
@@ -129,17 +145,35 @@ class EditorWindow:
         calls.before_exit = self._guard(self._stop)
         return parameters
 
+    def _show_language(self) -> None:
+        """Speak the language that the user prefers, from the frame on in which it is chosen."""
+        chosen = self._session.preferences.current.language
+        before, asked = self._language
+        code = asked if asked and chosen == before else resolve_language(chosen)
+        self._language = (chosen, asked if chosen == before else "")
+        if code != get_language():
+            speak(code)
+            self._name_windows()
+
+    def _name_windows(self, translated: bool = True) -> None:
+        """Write the panels' titles on their tabs; IDs, and with them places, stay those of the English titles."""
+        docking = hello_imgui.get_runner_params().docking_params
+        for title, label in self._labels.items():
+            window = docking.dockable_window_of_name(label)
+            if window is not None:
+                window.label = self._labels[title] = make_window_name(title) if translated else title
+
     def _create_dockable(self, record: PanelRecord) -> hello_imgui.DockableWindow:
         panel = record.create()
 
         def draw() -> None:
             panel.draw(self.ui)
 
-        window = hello_imgui.DockableWindow(record.title, record.place, self._guard(draw), record.shown)
+        window = hello_imgui.DockableWindow(self._labels[record.title], record.place, self._guard(draw), record.shown)
         window.can_be_closed = not record.shown
         if record.fills_window:
             window.call_begin_end = False
-            window.gui_function = self._guard(lambda: _draw_without_padding(record.title, draw))
+            window.gui_function = self._guard(lambda: _draw_without_padding(self._labels[record.title], draw))
         return window
 
     def _guard(self, call: Callable[[], None]) -> Callable[[], None]:
@@ -184,6 +218,7 @@ class EditorWindow:
 
     def _before_frame(self) -> None:
         self._show_theme()
+        self._show_language()
         self.ui.forget_marks()
         self.ui.textures.free_retired()
 
@@ -212,8 +247,13 @@ class EditorWindow:
         if missing:
             self._told_letters |= {*missing}
             self._session.messages.info(
-                f"No font of this computer has {len(missing)} characters of the names ({missing[:6]}), which are shown "
-                "as boxes. Install a font that has them, such as Noto Sans CJK, and start the editor again"
+                phrase(
+                    "No font of this computer has {count} characters of the names ({missing}), which are "
+                    "shown as boxes. Install a font that has them, such as Noto Sans CJK, and start the "
+                    "editor again",
+                    count=len(missing),
+                    missing=missing[:6],
+                )
             )
 
     def _show_title(self) -> None:
@@ -254,17 +294,20 @@ class EditorWindow:
         if parameters.app_shall_exit and not self._session.is_quitting:  # the window's own cross
             self._session.leave()
         parameters.app_shall_exit = self._session.is_quitting
+        if parameters.app_shall_exit:  # the layout is saved next
+            self._name_windows(translated=False)
         parameters.fps_idling.enable_idling = self._steps is None
         parameters.fps_idling.fps_idle = WAITING_FPS if self._is_waiting() else IDLE_FPS
 
     def _show_panel(self, name: str) -> None:
         docking = hello_imgui.get_runner_params().docking_params
-        window = docking.dockable_window_of_name(name)
+        label = self._labels.get(name, name)
+        window = docking.dockable_window_of_name(label)
         if window is None:
             _log.error("there is no panel %r to show", name)
             return
         window.is_visible = True
-        docking.focus_dockable_window(name)
+        docking.focus_dockable_window(label)
 
     def _before_swap(self) -> None:
         if self._wants_screenshot:
@@ -275,6 +318,7 @@ class EditorWindow:
             self._wants_screenshot = False
 
     def _stop(self) -> None:
+        speak(ENGLISH)  # as whatever else this process does
         self._session.wake_window = do_nothing
         if self._ui is not None:
             self._ui.view.release()
@@ -293,6 +337,15 @@ def format_window_title(session: EditorSession) -> str:
     if session.document is None or path is None:
         return "InstDrive"
     return f"{path.name} {'•' if session.files.is_unsaved else '–'} InstDrive"
+
+
+def make_window_name(title: str) -> str:
+    """Name of a panel's window with its title in the window's language, and the ID of the English one.
+
+    English where ImGui (before 1.93) takes a name with a title for another window.
+    """
+    name = f"{translate(title)}###{title}"
+    return name if imgui.internal.im_hash_str(name) == imgui.internal.im_hash_str(title) else title
 
 
 def require_display() -> None:

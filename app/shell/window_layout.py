@@ -27,6 +27,8 @@ class WindowOptions:
     remember_layout: bool = True
     scale: float = 0.0
     """Size of text and widgets; 0 = as the monitor reports."""
+    language: str = ""
+    """Code of the window's language until another is chosen in Preferences; empty: as chosen there before."""
 
 
 def build_runner_parameters(

@@ -18,7 +18,7 @@ from instdrive_app.tools.surface import WinnerReader
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 Search = Callable[[Document, int, float, float], Int64[ndarray, " m"]]
 """Finds rows from a document, a row, a tolerance of colour and a time."""
@@ -48,7 +48,13 @@ class AlikeTool(PickTool):
 
         def finish(rows: Int64[ndarray, " m"]) -> None:
             if session.document is document and session.history.apply(lambda: SelectRows(rows, mode)):
-                session.messages.info(f"{format_count(len(rows), 'splat')} within {tolerance:.0%} of its colour")
+                session.messages.info(
+                    phrase(
+                        "{splats} within {tolerance:.0%} of its colour",
+                        splats=format_count(len(rows), "splat"),
+                        tolerance=tolerance,
+                    )
+                )
 
         session.jobs.submit(
             "Looking for splats alike",

@@ -8,6 +8,7 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.surface import WinnerReader, find_surface
+from instdrive_core.wording import phrase
 
 
 class MeasureTool(PickTool):
@@ -31,5 +32,5 @@ class MeasureTool(PickTool):
         ruler = self._session.aids.ruler
         ruler.add(found.place)
         if ruler.describe():
-            self._session.messages.info(f"Measured {ruler.describe()}")
+            self._session.messages.info(phrase("Measured {length}", length=ruler.describe()))
         return int(document.scene.instance_ids[found.row])

@@ -24,7 +24,7 @@ from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
 from instdrive_core.progress import report
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 MAX_GAP_SHARE = 0.02
 """Share of what a thing hid that may be open to the sky without a fill."""
@@ -62,8 +62,12 @@ class DeletionReport:
         """``Car 17`` or ``3 instances``, of which not all may be whole: ``parts of 3 instances``."""
         whole = all(part.whole for part in self.parts)
         if len(self.parts) == 1:
-            return self.parts[0].name if whole else f"a part of {self.parts[0].name}"
-        return f"{len(self.parts)} instances" if whole else f"parts of {len(self.parts)} instances"
+            return self.parts[0].name if whole else phrase("a part of {name}", name=self.parts[0].name)
+        return (
+            format_count(len(self.parts), "instance")
+            if whole
+            else phrase("parts of {count} instances", count=len(self.parts))
+        )
 
     @property
     def hole_area(self) -> float:
@@ -78,24 +82,31 @@ class DeletionReport:
     @property
     def summary(self) -> str:
         """``34 splats of residue, hole of 3.1 m²``, and how much of that was in the shadow."""
-        residue = f"{format_count(len(self.residue), 'splat')} of residue" if len(self.residue) else "no residue"
-        hole = f"hole of {self.fill_area:.1f} m²" if self.hole_area else "no hole"
+        residue = (
+            phrase("{splats} of residue", splats=format_count(len(self.residue), "splat"))
+            if len(self.residue)
+            else phrase("no residue")
+        )
+        hole = phrase("hole of {area:.1f} m²", area=self.fill_area) if self.hole_area else phrase("no hole")
         if self.hole is not None and self.hole.shadow_area and self.hole_area:
-            hole += f", {self.hole.shadow_area:.1f} m² of it in the shadow"
-        return f"{residue}, {hole}"
+            area, dark = self.fill_area, self.hole.shadow_area
+            hole = phrase("hole of {area:.1f} m², {dark:.1f} m² of it in the shadow", area=area, dark=dark)
+        return phrase("{residue}, {hole}", residue=residue, hole=hole)
 
     def make_absorb_edit(self) -> Edit | None:
         """The edit that removes the residue; None where there is none."""
         if not len(self.residue):
             return None
         # Photos say which strays are residue: not all that `AbsorbFloaters` would take.
-        return CompoundEdit((SelectRows(self.residue), DeleteSelected()), f"Absorb floaters of {self.name}")
+        return CompoundEdit(
+            (SelectRows(self.residue), DeleteSelected()), phrase("Absorb floaters of {name}", name=self.name)
+        )
 
     def make_fill_edit(self, seed: int = 0) -> FillHole | None:
         """The edit that fills the hole; None where there is none."""
         if self.hole is None or not (self.hole_area or self.hole.behind):
             return None
-        return make_fill_hole(self.hole, f"fill of {self.name}"[:MAX_NAME_LENGTH], seed)
+        return make_fill_hole(self.hole, phrase("fill of {name}", name=self.name)[:MAX_NAME_LENGTH], seed)
 
 
 def report_deletion(document: Document, ids: Iterable[int], time: float) -> DeletionReport:

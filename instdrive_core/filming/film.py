@@ -24,8 +24,9 @@ from instdrive_core.progress import report
 from instdrive_core.rasterize.pictures import Mode, colorize_depth, colorize_preview, measure_depth_range
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.scene import Scene
+from instdrive_core.wording import phrase
 
-FILM_MODES: dict[Mode, str] = {"color": "Colour", "instance": "Instances", "depth": "Depth"}
+FILM_MODES: dict[Mode, str] = {"color": phrase("Colour"), "instance": phrase("Instances"), "depth": phrase("Depth")}
 """What a film can show, and what the user reads for it."""
 CODECS = {".mp4": ("libx264", {"crf": "18"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
 """Encoder and its options by the ending of the video."""

@@ -15,6 +15,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
 from instdrive_core.files.file_lock import FileLock
 from instdrive_core.files.json_fields import read_json, require_field
+from instdrive_core.wording import phrase
 
 FOLDER, STATE, WISH, LOCK, PICTURE, LOG = "job", "state.json", "wish", "lock", "picture.jpg", "output.txt"
 VERSION = 1
@@ -157,6 +158,8 @@ def is_job_running(run: Path) -> bool:
 def describe_seconds(seconds: float) -> str:
     """Write a duration as people say it: ``40 s``, ``12 min``, ``1 h 20 min``."""
     if seconds < 90:
-        return f"{max(round(seconds), 1)} s"
+        return phrase("{seconds} s", seconds=max(round(seconds), 1))
     minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
+    if minutes < 90:
+        return phrase("{minutes} min", minutes=minutes)
+    return phrase("{hours} h {minutes} min", hours=minutes // 60, minutes=minutes % 60)

@@ -18,17 +18,19 @@ from instdrive_core.extras import explain_missing_module
 from instdrive_core.masks.annotated.labels import has_annotations
 from instdrive_core.masks.exact import has_exact_labels
 from instdrive_core.masks.label_map_folder import SIDECAR
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 SourceKind = Literal["clip", "photos", "video"]
 MaskPlan = Literal["own", "exact", "annotations", "lidar", "sam", "none"]
 _MASK_WORDS: dict[MaskPlan, str] = {
-    "own": "there already, used as they are",
-    "exact": "made from the synthetic clip's labels",
-    "annotations": "made from boxes, classes and LiDAR",
-    "lidar": "made from LiDAR and photos",
-    "sam": "made by Segment Anything",
-    "none": "none; without them nothing can be clicked (Segment Anything makes some: pip install 'instdrive[sam]')",
+    "own": phrase("there already, used as they are"),
+    "exact": phrase("made from the synthetic clip's labels"),
+    "annotations": phrase("made from boxes, classes and LiDAR"),
+    "lidar": phrase("made from LiDAR and photos"),
+    "sam": phrase("made by Segment Anything"),
+    "none": phrase(
+        "none; without them nothing can be clicked (Segment Anything makes some: pip install 'instdrive[sam]')"
+    ),
 }
 
 
@@ -58,15 +60,17 @@ def look_at_source(source: Path) -> SourceFacts:
     if data_set is not None:
         clip = data_set.load(str(source), ClipOptions(scale=1.0))
         masks = choose_masks(clip)
-        facts = (*list_clip_facts(data_set.title, clip), ("masks", _MASK_WORDS[masks]))
+        facts = (*list_clip_facts(data_set.title, clip), (phrase("masks"), _MASK_WORDS[masks]))
         finds = bool(clip.sweeps) and not clip.tracks
-        return SourceFacts("clip", f"{data_set.title} clip", facts, masks, finds, find_missing("torch"))
+        return SourceFacts(
+            "clip", phrase("{name} clip", name=data_set.title), facts, masks, finds, find_missing("torch")
+        )
     if source.is_dir() and any(file.suffix.lower() in PHOTOS for file in source.iterdir()):
         return _look_at_photos(source)
     if source.is_file() and source.suffix.lower() in VIDEOS:
         masks = choose_photo_masks()
-        facts = (("video", f"{source.stat().st_size / 1e6:,.1f} MB"), ("masks", _MASK_WORDS[masks]))
-        return SourceFacts("video", "Video", facts, masks, False, find_missing("torch", "cv2", "pycolmap"))
+        facts = ((phrase("video"), f"{source.stat().st_size / 1e6:,.1f} MB"), (phrase("masks"), _MASK_WORDS[masks]))
+        return SourceFacts("video", phrase("Video"), facts, masks, False, find_missing("torch", "cv2", "pycolmap"))
     problem = "is no data set, no folder of photos and no video" if source.exists() else "was not found"
     remedy = f"Choose a clip's folder, a folder of photos ({', '.join(PHOTOS)}), or a video ({', '.join(VIDEOS)})"
     raise DataError(source, problem, remedy)
@@ -99,8 +103,14 @@ def find_missing(*packages: str) -> str:
 def _look_at_photos(source: Path) -> SourceFacts:
     files = list_photo_files(source)
     masks, (width, height) = choose_photo_masks(), read_photo_size(files[0])
-    facts = (("photos", f"{len(files):,}, the first of {width}×{height}"), ("masks", _MASK_WORDS[masks]))
+    facts = (
+        (
+            phrase("photos"),
+            phrase("{count:,}, the first of {width}×{height}", count=len(files), width=width, height=height),
+        ),
+        (phrase("masks"), _MASK_WORDS[masks]),
+    )
     problem = find_missing("torch", "cv2", "pycolmap")
     if len(files) < FEWEST:
         problem = f"{format_count(len(files), 'photo')}: at least {FEWEST} are needed, taken from places apart"
-    return SourceFacts("photos", "Folder of photos", facts, masks, False, problem)
+    return SourceFacts("photos", phrase("Folder of photos"), facts, masks, False, problem)

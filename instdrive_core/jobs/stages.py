@@ -27,6 +27,7 @@ from instdrive_core.tracks.choice import choose_kept_tracks
 from instdrive_core.training.pieces.drive import run_drive
 from instdrive_core.training.run import CONFIG, FACTS, RunRequest
 from instdrive_core.training.settings.events import Event, StageStarted, StepDone, ViewDrawn
+from instdrive_core.wording import phrase
 
 REPORT = "report.html"
 _PICTURE_WIDTH = 960
@@ -174,11 +175,11 @@ def _evaluate(desk: JobDesk) -> None:
 
 
 STAGES = (
-    StageWork("prepare", "Poses of the photos", lambda facts: facts.kind != "clip", _prepare),
-    StageWork("masks", "Masks", lambda facts: facts.masks not in ("own", "none"), _make_masks),
-    StageWork("tracks", "Moving objects", lambda facts: facts.finds_tracks, _find_tracks),
-    StageWork("pace", "Timing", lambda facts: True, _measure_pace),
-    StageWork("train", "Training", lambda facts: True, _train),
-    StageWork("eval", "Evaluation", lambda facts: True, _evaluate),
+    StageWork("prepare", phrase("Poses of the photos"), lambda facts: facts.kind != "clip", _prepare),
+    StageWork("masks", phrase("Masks"), lambda facts: facts.masks not in ("own", "none"), _make_masks),
+    StageWork("tracks", phrase("Moving objects"), lambda facts: facts.finds_tracks, _find_tracks),
+    StageWork("pace", phrase("Timing"), lambda facts: True, _measure_pace),
+    StageWork("train", phrase("Training"), lambda facts: True, _train),
+    StageWork("eval", phrase("Evaluation"), lambda facts: True, _evaluate),
 )
 """All stages in order. A new one is a line here."""

@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from instdrive_core.datasets.argoverse.write import write_argoverse
+from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.clip_recordings import record_clip
 from instdrive_core.datasets.drivestudio.write import write_drivestudio
 from instdrive_core.datasets.kitti.write import write_kitti_raw, write_kitti_tracking
@@ -17,10 +18,12 @@ from instdrive_core.datasets.kitti.write360 import write_kitti360
 from instdrive_core.datasets.layout_files import number_steps, write_layout_file
 from instdrive_core.datasets.nuscenes.write import write_nuscenes, write_t4
 from instdrive_core.datasets.pandaset.write import name_pandaset_cameras, write_pandaset
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.waymo.write import write_waymo
 from instdrive_core.extras import explain_missing_module
 from instdrive_core.files.new_folder import fill_new_folder
 from instdrive_core.masks.export.id_pictures import save_png
+from instdrive_core.masks.making import make_masks
 from instdrive_core.recording.coco import write_coco
 from instdrive_core.recording.folder import name_file, read_id_map, read_manifest
 from instdrive_core.recording.mcap_file import write_mcap
@@ -32,7 +35,8 @@ _DRIVE = "drive"
 
 
 def _write_pandaset_with_labels(folder: Path, out: Path) -> Path:
-    """PandaSet's files and, beside them, the exact labels that this program trains and evaluates with."""
+    """PandaSet's files and, beside them, the exact labels that this program evaluates with, and masks of them to train
+    on."""
     clip = read_recorded_clip(folder)
     recording = record_clip(clip)
     opened = write_pandaset(recording, out)
@@ -60,6 +64,7 @@ def _write_pandaset_with_labels(folder: Path, out: Path) -> Path:
         for entry in manifest["instances"]
     }
     write_layout_file(opened / "labels" / "instances.json", json.dumps(facts).encode())
+    make_masks(load_clip(opened, ClipOptions()), "exact", opened / "masks")
     return opened
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,7 +12,7 @@ from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.scene.scene import Scene
-from instdrive_core.wording import format_count
+from instdrive_core.wording import Phrase, count_phrase, phrase
 
 DefectKind = Literal[
     "not_finite", "zero_quaternion", "giant_scale", "far_outlier", "never_shown", "duplicate", "empty_sh"
@@ -59,9 +60,6 @@ class _Extent:
     """Metres that hold `CORE_SHARE` of them; above 0."""
 
 
-_PLURALS = {"has": "have", "holds": "hold", "is": "are", "lies": "lie", "repeats": "repeat"}
-
-
 def find_defects(scene: Scene) -> tuple[Defect, ...]:
     """Find the defects of a scene, the most harmful first; nothing is changed.
 
@@ -82,13 +80,12 @@ def find_defects(scene: Scene) -> tuple[Defect, ...]:
     return tuple(finding for finding in findings if finding is not None)
 
 
-def _create_defect(kind: DefectKind, wrong: Bool[ndarray, " n"], verb: str, what: str, remedy: str) -> Defect | None:
-    """`verb` is that of one splat; several have another form of it."""
+def _create_defect(
+    kind: DefectKind, wrong: Bool[ndarray, " n"], describe: Callable[[int], Phrase], remedy: str
+) -> Defect | None:
+    """`describe` says of a number of splats what is wrong with them."""
     rows = np.flatnonzero(wrong)
-    if not len(rows):
-        return None
-    form = verb if len(rows) == 1 else _PLURALS[verb]
-    return Defect(kind, f"{format_count(len(rows), 'splat')} {form} {what}", len(rows), rows, remedy)
+    return Defect(kind, describe(len(rows)), len(rows), rows, remedy) if len(rows) else None
 
 
 def _find_not_finite(scene: Scene) -> Defect | None:
@@ -98,9 +95,17 @@ def _find_not_finite(scene: Scene) -> Defect | None:
         if broken.any():
             parts.append(f"{name} of {np.count_nonzero(broken):,}")
             wrong |= broken
-    what = f"values that are not finite ({', '.join(parts)})"
-    remedy = "Best deleted: most viewers draw nothing or fail where one is in view"
-    return _create_defect("not_finite", wrong, "holds", what, remedy)
+
+    def describe(count: int) -> Phrase:
+        return count_phrase(
+            count,
+            "{count:,} splat holds values that are not finite ({parts})",
+            "{count:,} splats hold values that are not finite ({parts})",
+            parts=", ".join(parts),
+        )
+
+    remedy = phrase("Best deleted: most viewers draw nothing or fail where one is in view")
+    return _create_defect("not_finite", wrong, describe, remedy)
 
 
 def _find_rows_not_finite(values: ndarray) -> Bool[ndarray, " n"]:
@@ -122,9 +127,14 @@ def _flatten_rows(values: ndarray) -> ndarray:
 def _find_zero_quaternions(scene: Scene) -> Defect | None:
     quats = scene.gaussians.quats
     squares = np.einsum("ni,ni->n", quats, quats)
-    what = "a rotation of length 0"
-    remedy = "Best deleted, or set to 1 0 0 0: programs that normalise rotations get NaN"
-    return _create_defect("zero_quaternion", squares < SHORTEST_QUATERNION**2, "has", what, remedy)
+
+    def describe(count: int) -> Phrase:
+        return count_phrase(
+            count, "{count:,} splat has a rotation of length 0", "{count:,} splats have a rotation of length 0"
+        )
+
+    remedy = phrase("Best deleted, or set to 1 0 0 0: programs that normalise rotations get NaN")
+    return _create_defect("zero_quaternion", squares < SHORTEST_QUATERNION**2, describe, remedy)
 
 
 def _measure_extent(scene: Scene) -> _Extent | None:
@@ -145,9 +155,17 @@ def _find_giant_scales(scene: Scene, extent: _Extent | None) -> Defect | None:
         return None
     longest = scene.gaussians.log_scales.max(axis=1)
     wrong = np.isfinite(longest) & (longest > np.log(extent.radius))
-    what = f"larger than the scene (standard deviation above {extent.radius:.3g} m)"
-    remedy = "Best deleted where the view is veiled; sky belongs into a sky map"
-    return _create_defect("giant_scale", wrong, "is", what, remedy)
+
+    def describe(count: int) -> Phrase:
+        return count_phrase(
+            count,
+            "{count:,} splat is larger than the scene (standard deviation above {radius:.3g} m)",
+            "{count:,} splats are larger than the scene (standard deviation above {radius:.3g} m)",
+            radius=extent.radius,
+        )
+
+    remedy = phrase("Best deleted where the view is veiled; sky belongs into a sky map")
+    return _create_defect("giant_scale", wrong, describe, remedy)
 
 
 def _find_far_outliers(scene: Scene, extent: _Extent | None) -> Defect | None:
@@ -156,18 +174,36 @@ def _find_far_outliers(scene: Scene, extent: _Extent | None) -> Defect | None:
     limit = FAR_RADII * extent.radius
     wrong = np.zeros(len(scene), bool)
     wrong[extent.rows] = extent.distances > limit
-    what = f"more than {limit:.3g} m from the middle; {CORE_SHARE:.0%} of all are within {extent.radius:.3g} m"
-    return _create_defect(
-        "far_outlier", wrong, "lies", what, "Best deleted: framing, bounds and quantised formats suffer"
-    )
+
+    def describe(count: int) -> Phrase:
+        return count_phrase(
+            count,
+            "{count:,} splat lies more than {limit:.3g} m from the middle; "
+            "{share:.0%} of all are within {radius:.3g} m",
+            "{count:,} splats lie more than {limit:.3g} m from the middle; "
+            "{share:.0%} of all are within {radius:.3g} m",
+            limit=limit,
+            share=CORE_SHARE,
+            radius=extent.radius,
+        )
+
+    remedy = phrase("Best deleted: framing, bounds and quantised formats suffer")
+    return _create_defect("far_outlier", wrong, describe, remedy)
 
 
 def _find_never_shown(scene: Scene) -> Defect | None:
     # logit(1/255): comparing logits spares a million exponentials.
     limit = np.float32(np.log(VISIBLE_OPACITY / (1 - VISIBLE_OPACITY)))
     wrong = scene.gaussians.opacity_logits < limit
-    what = "an opacity below 1/255, too faint to show"
-    return _create_defect("never_shown", wrong, "has", what, "Deleting saves memory")
+
+    def describe(count: int) -> Phrase:
+        return count_phrase(
+            count,
+            "{count:,} splat has an opacity below 1/255, too faint to show",
+            "{count:,} splats have an opacity below 1/255, too faint to show",
+        )
+
+    return _create_defect("never_shown", wrong, describe, phrase("Deleting saves memory"))
 
 
 def _find_duplicates(scene: Scene) -> Defect | None:
@@ -189,9 +225,13 @@ def _find_duplicates(scene: Scene) -> Defect | None:
         same &= (part[later] == part[earlier]).all(axis=1)
     wrong = np.zeros(len(scene), bool)
     wrong[later[same]] = True
-    return _create_defect(
-        "duplicate", wrong, "repeats", "an earlier one exactly", "Best deleted: the picture gets too opaque"
-    )
+
+    def describe(count: int) -> Phrase:
+        return count_phrase(
+            count, "{count:,} splat repeats an earlier one exactly", "{count:,} splats repeat an earlier one exactly"
+        )
+
+    return _create_defect("duplicate", wrong, describe, phrase("Best deleted: the picture gets too opaque"))
 
 
 def _hash_rows(parts: list[ndarray]) -> UInt64[ndarray, " n"]:
@@ -220,5 +260,11 @@ def _find_empty_sh(scene: Scene) -> Defect | None:
     empty = rest.shape[1] - REST_COUNTS[degree]
     if not empty:
         return None
-    what = f"{empty} of {rest.shape[1]} SH coefficients are zero in every splat (degree {degree} would do)"
-    return Defect("empty_sh", what, empty, np.zeros(0, np.int64), "Nothing is wrong; the file is larger than needed")
+    what = phrase(
+        "{empty} of {all} SH coefficients are zero in every splat (degree {degree} would do)",
+        empty=empty,
+        all=rest.shape[1],
+        degree=degree,
+    )
+    remedy = phrase("Nothing is wrong; the file is larger than needed")
+    return Defect("empty_sh", what, empty, np.zeros(0, np.int64), remedy)

@@ -18,6 +18,7 @@ from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.upright import UP, Axis, compute_axis_direction, find_nearest_axis, format_axis
+from instdrive_core.wording import phrase
 
 LOOKED_AT = 20_000
 """Splats that decide, evenly chosen."""
@@ -72,7 +73,8 @@ class UpEstimate:
     @property
     def words(self) -> str:
         """``−Y``, or ``12° from −Y``."""
-        return f"{self.tilt:.0f}° from {format_axis(self.axis)}" if self.tilt else format_axis(self.axis)
+        axis = format_axis(self.axis)
+        return phrase("{tilt:.0f}° from {axis}", tilt=self.tilt, axis=axis) if self.tilt else axis
 
 
 @dataclass(frozen=True)
@@ -108,12 +110,12 @@ def estimate_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
     """
     cameras = _estimate_up_from_cameras(scene.views)
     if cameras is not None:
-        return UpEstimate(_snap_direction(cameras), True, "the photos' cameras")
+        return UpEstimate(_snap_direction(cameras), True, phrase("the photos' cameras"))
     ground = _find_ground(scene.gaussians, np.flatnonzero(scene.nodes == 0))
     if ground is not None:
-        return UpEstimate(_snap_direction(ground.up), True, "the ground")
+        return UpEstimate(_snap_direction(ground.up), True, phrase("the ground"))
     if stated is not None:
-        return UpEstimate(compute_axis_direction(stated), True, "the file's format")
+        return UpEstimate(compute_axis_direction(stated), True, phrase("the file's format"))
     return UpEstimate(compute_axis_direction(UP if len(scene.table) else _CUSTOM), False, "custom")
 
 

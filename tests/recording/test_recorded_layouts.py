@@ -17,6 +17,7 @@ from instdrive_core.datasets.registry import find_data_set, load_clip
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.masks.ground_truth import find_ground_truth
+from instdrive_core.masks.label_map_folder import open_masks
 from instdrive_core.recording.boxes import place_boxes
 from instdrive_core.recording.coco import encode_run_lengths
 from instdrive_core.recording.drive import Drive
@@ -106,6 +107,10 @@ def test_pandaset_has_the_editors_ids_as_exact_labels(recorded):
     truth = find_ground_truth(clip)
     assert truth.source == "exact"
     np.testing.assert_array_equal(truth.load(clip.frames[0]), read_id_map(recorded / "instances/front_camera/00.png"))
+    masks, frame = open_masks(opened / "masks"), clip.training_frames[0]
+    assert masks.source == "exact"
+    assert set(masks.counts) == {each.key for each in clip.training_frames}
+    assert masks.counts[frame.key] == np.count_nonzero(np.unique(truth.load(frame)))
     table = pd.read_pickle(opened / "annotations/cuboids/02.pkl.gz")
     boxes = {box["id"]: box for box in json.loads((recorded / "moments/02.json").read_text())["boxes"]}
     assert set(table["uuid"]) == {str(number) for number in boxes}

@@ -6,9 +6,10 @@ from importlib.metadata import version
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.log_file import get_log_path
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, center_next_window, is_enter_pressed
-from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels, scale_size
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, make_icon_label, scale_pixels, scale_size
 from instdrive_app.session.requests import ShowAbout
 
 TITLE = "InstDrive"
@@ -23,12 +24,12 @@ class AboutDialog:
     def open(self, ui: Ui, request: ShowAbout) -> None:
         """Open it."""
         self._copied = False
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         center_next_window(scale_size(480, 0))
-        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        if not imgui.begin_popup_modal(make_label(TITLE), None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         path = get_log_path()
         for title, fact in (
@@ -36,19 +37,19 @@ class AboutDialog:
             ("Drawn by", ui.view.backend),
             ("Log file", str(path)),
         ):
-            draw_dim_text(title)
+            draw_dim_text(translate(title))
             imgui.same_line(scale_pixels(100))
             imgui.text_wrapped(fact)
         if not path.exists():
             imgui.set_cursor_pos_x(scale_pixels(100))
-            draw_dim_text("Nothing has been written to it yet.")
+            draw_dim_text(translate("Nothing has been written to it yet."))
         imgui.spacing()
-        if imgui.button(f"{get_icon('ICON_FA_COPY')}  {'Copied' if self._copied else 'Copy path'}"):
+        if imgui.button(make_icon_label("ICON_FA_COPY", "Copied" if self._copied else "Copy path", "copy path")):
             imgui.set_clipboard_text(str(path))
             self._copied = True
         ui.mark("about.copy")
         imgui.same_line(imgui.get_window_width() - scale_pixels(BUTTON_WIDTH) - imgui.get_style().window_padding.x)
-        closed = imgui.button("Close", scale_size(BUTTON_WIDTH, 0))
+        closed = imgui.button(make_label("Close"), scale_size(BUTTON_WIDTH, 0))
         ui.mark("dialog.cancel")
         if closed or imgui.is_key_pressed(imgui.Key.escape) or is_enter_pressed():
             imgui.close_current_popup()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.requests import AskChangedScene
+from instdrive_core.wording import phrase
 
 TITLE = "The scene has changed"
 
@@ -21,7 +23,7 @@ class ChangedSceneDialog:
     def open(self, ui: Ui, request: AskChangedScene) -> None:
         """Open it."""
         self._request = request
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
@@ -37,4 +39,5 @@ class ChangedSceneDialog:
             self._request = None
 
         then = "If you open it anyway, the edits that still fit are applied to the scene as it is now."
-        draw_question(ui, TITLE, f"{request.reason}\n\n{then}", {"Cancel": cancel, "Open anyway": open_anyway})
+        text = phrase("{reason}\n\n{then}", reason=phrase(request.reason), then=phrase(then))
+        draw_question(ui, TITLE, text, {"Cancel": cancel, "Open anyway": open_anyway})

@@ -8,12 +8,14 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import explain_disabled, run_or_explain
+from instdrive_app.language.translation import translate
 from instdrive_app.matching import find_best_matches
 from instdrive_app.panels.menus import format_action_title
 from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels
 from instdrive_app.preferences.themes import DIM, ERROR, TEXT
 from instdrive_app.session.requests import ShowPalette
+from instdrive_core.wording import drop_ellipsis, phrase
 
 TITLE = "Command palette"
 POPUP = "##palette"
@@ -59,7 +61,11 @@ class CommandPalette:
             imgui.close_current_popup()
             run_or_explain(ui.session, clicked)
         elif clicked is not None:
-            self._reason = f"{clicked.title.rstrip('…')}: {explain_disabled(ui.session, clicked)}"
+            self._reason = phrase(
+                "{command}: {reason}",
+                command=drop_ellipsis(clicked.title),
+                reason=explain_disabled(ui.session, clicked),
+            )
             self._types_on = True
         self._draw_reason(ui)
         imgui.end_popup()
@@ -68,7 +74,7 @@ class CommandPalette:
         """Say why the command that was chosen last cannot run."""
         if self._reason:
             imgui.push_text_wrap_pos(0)
-            imgui.text_colored(rgba(ERROR), self._reason)
+            imgui.text_colored(rgba(ERROR), translate(self._reason))
             imgui.pop_text_wrap_pos()
             ui.mark("palette.reason")
 
@@ -77,7 +83,7 @@ class CommandPalette:
             imgui.set_keyboard_focus_here()
             self._types_on = False
         imgui.set_next_item_width(-1)
-        hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  What do you want to do?"
+        hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  {translate('What do you want to do?')}"
         before = self._typed
         entered, self._typed = imgui.input_text_with_hint(
             "##typed", hint, self._typed, imgui.InputTextFlags_.enter_returns_true
@@ -97,7 +103,7 @@ class CommandPalette:
         if imgui.begin_child("##found", ImVec2(0, ROWS * line)):
             elsewhere = ELSEWHERE.get(self._typed.strip().lower(), "" if found else "No command matches")
             if elsewhere:
-                draw_dim_text(elsewhere)
+                draw_dim_text(translate(elsewhere))
             for number, command in enumerate(found):
                 if self._draw_row(ui, command, number == self._chosen):
                     clicked = command
@@ -119,9 +125,15 @@ class CommandPalette:
         draw.add_text(
             ImVec2(at.x + width - imgui.calc_text_size(keys).x - scale_pixels(4), at.y), pack_color(DIM), keys
         )
-        menu = imgui.calc_text_size(command.menu).x
-        draw.add_text(ImVec2(at.x + width - 8 * em - menu, at.y), pack_color(DIM, 0.75), command.menu)
+        menu = translate(command.menu)
+        place = at.x + width - 8 * em - imgui.calc_text_size(menu).x
+        draw.add_text(ImVec2(place, at.y), pack_color(DIM, 0.75), menu)
         return clicked
+
+
+def _list_english_words(action: Action) -> tuple[str, ...]:
+    """Words of the English title, by which manuals name the command; none where the window speaks English."""
+    return () if translate(action.title) == action.title else (action.title.lower(), *action.title.lower().split())
 
 
 def _list_matches(typed: str, actions: Iterable[Action]) -> list[Action]:
@@ -130,6 +142,14 @@ def _list_matches(typed: str, actions: Iterable[Action]) -> list[Action]:
     So Enter runs the best match that can run.
     """
     found = find_best_matches(
-        typed, (a for a in actions if a.menu), lambda a: a.title, lambda a: a.menu, lambda a: a.words
+        typed,
+        (action for action in actions if action.menu),
+        lambda action: translate(action.title),
+        lambda action: translate(action.menu),
+        lambda action: (
+            *(translate(word).lower() for word in action.words),
+            *action.words,
+            *_list_english_words(action),
+        ),
     )
     return sorted(found, key=lambda action: not action.enabled()) if typed else found

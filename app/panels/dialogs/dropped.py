@@ -8,12 +8,14 @@ from pathlib import Path
 from imgui_bundle import imgui
 
 from instdrive_app.files.file_names import join_names
+from instdrive_app.language.translation import make_label
 from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sort_dropped
 from instdrive_app.panels.dialogs.making.new_scene import may_be_source
 from instdrive_app.panels.dialogs.questions import Answers, draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import AskNewScene, ReceiveDrop
+from instdrive_core.wording import phrase
 
 TITLE = "Dropped files"
 
@@ -54,7 +56,7 @@ class DroppedDialog:
             _open_first(session, found)
         else:
             self._asked = found
-            imgui.open_popup(TITLE)
+            imgui.open_popup(make_label(TITLE))
 
 
 def _compose_question(session: EditorSession, found: DroppedFiles) -> tuple[str, Answers]:
@@ -68,13 +70,20 @@ def _compose_question(session: EditorSession, found: DroppedFiles) -> tuple[str,
         _open_first(session, found)
 
     if len(found.openable) == 1:
-        text = f"Open {first.name} instead of this scene, or insert it into this scene?"
+        text = phrase("Open {name} instead of this scene, or insert it into this scene?", name=first.name)
         return text, {"Cancel": lambda: None, "Insert": insert, "Open": open_first}
-    arranged = ", side by side" if len(found.scenes) > 1 else ""
-    text = (
-        f"{join_names(found.scenes)} can be inserted into this scene{arranged}. "
-        f"Only the first, {first.name}, can be opened instead."
+    names = join_names(found.scenes)
+    text = phrase(
+        "{names} can be inserted into this scene. Only the first, {name}, can be opened instead.",
+        names=names,
+        name=first.name,
     )
+    if len(found.scenes) > 1:
+        text = phrase(
+            "{names} can be inserted into this scene, side by side. Only the first, {name}, can be opened instead.",
+            names=names,
+            name=first.name,
+        )
     return text, {"Cancel": lambda: None, "Open the first": open_first, "Insert": insert}
 
 
@@ -82,10 +91,18 @@ def _open_first(session: EditorSession, found: DroppedFiles) -> None:
     first, *others = found.openable
     session.files.leave_for(first)
     if others:
-        session.messages.info(f"Only one scene can be open at a time: {first.name}. Left out: {join_names(others)}")
+        session.messages.info(
+            phrase(
+                "Only one scene can be open at a time: {name}. Left out: {names}",
+                name=first.name,
+                names=join_names(others),
+            )
+        )
 
 
 def _insert(session: EditorSession, found: DroppedFiles) -> None:
     session.insertion.insert(*found.scenes)
     if found.projects:
-        session.messages.info(f"Projects can be opened but not inserted. Left out: {join_names(found.projects)}")
+        session.messages.info(
+            phrase("Projects can be opened but not inserted. Left out: {names}", names=join_names(found.projects))
+        )

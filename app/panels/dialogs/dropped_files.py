@@ -10,7 +10,7 @@ from pathlib import Path
 
 from instdrive_app.files.file_names import find_name_problem
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 _MOST_REPORTED = 3
 """Problems of one drop that are spelled out; further ones are only counted."""
@@ -37,8 +37,9 @@ class DroppedFiles:
         sentences = list(self.problems[:_MOST_REPORTED])
         if len(self.problems) > _MOST_REPORTED:
             rest = format_count(len(self.problems) - _MOST_REPORTED, "other")
-            sentences.append(f"{rest} cannot be opened either")
-        return ". ".join(sentences)
+            sentences.append(phrase("{rest} cannot be opened either", rest=rest))
+        parts = {f"part{number}": phrase(text) for number, text in enumerate(sentences)}
+        return phrase(". ".join(f"{{{name}}}" for name in parts), **parts)
 
 
 def sort_dropped(paths: Iterable[Path]) -> DroppedFiles:
@@ -62,10 +63,13 @@ def _find_problem(path: Path) -> str:
     if not PURPOSES["open"].find_problem(path):
         return ""
     if os.path.isdir(path):
-        return f"The folder {path.name or path} contains no scene. Drop a training run's folder or a scene folder"
+        return phrase(
+            "The folder {name} contains no scene. Drop a training run's folder or a scene folder",
+            name=path.name or path,
+        )
     if os.path.exists(path):
-        return f"{path.name} is not a scene or project that can be opened"
+        return phrase("{name} is not a scene or project that can be opened", name=path.name)
     if _ADDRESS.match(str(path)):
         address = str(path).replace(":/", "://", 1)  # a Path has one slash for two
-        return f"{address} is not on this computer. Download it, then drop the file"
-    return f"{path} was not found. It may have been moved, or you may not be allowed to read it"
+        return phrase("{address} is not on this computer. Download it, then drop the file", address=address)
+    return phrase("{path} was not found. It may have been moved, or you may not be allowed to read it", path=path)

@@ -10,15 +10,17 @@ from typing import TypeVar
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label, translate
+from instdrive_app.messages import user_message
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose
-from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, WITH_TRACKS, WRITTEN, ExportChoice, What
 from instdrive_core.errors import InstDriveError
 from instdrive_core.filming.film import CODECS, FILM_MODES, LARGEST, FilmSettings, check_film
 from instdrive_core.formats.registry import FORMATS
 from instdrive_core.rasterize.pictures import Mode
-from instdrive_core.wording import format_count
+from instdrive_core.wording import chain_sentences, format_count, phrase
 
 """What is exported at first, by the purpose that the dialog is opened for."""
 _TITLES = {fmt.suffix: fmt.title for fmt in FORMATS}
@@ -33,6 +35,7 @@ _FILM_FILES = (
 _SCALES = (1.0, 2.0, 4.0)
 _ENDINGS_WITH_IDS = (".ply", ".glb", ".gltf", *WITH_TRACKS)
 _LABEL_EM, _COMBO_EM = 4.2, 27.0
+_LABELS = ("Export", "As")
 Key = TypeVar("Key")
 
 
@@ -64,11 +67,11 @@ class ExportOptions:
             exporting.choice = replace(exporting.choice, what=what)
             path = str(exporting.propose_path_in(path))
         imgui.same_line()
-        draw_dim_text(exporting.amounts.get(exporting.choice.what, ""))
+        draw_dim_text(translate(exporting.amounts.get(exporting.choice.what, "")))
         _draw_label("As")
         path = self._draw_format(ui, path)
         _draw_label("")
-        draw_dim_text(_describe_choice(ui.session, path))
+        draw_dim_text(translate(_describe_choice(ui.session, path)))
         return path
 
     def _draw_format(self, ui: Ui, path: str) -> str:
@@ -87,7 +90,7 @@ class ExportOptions:
                 )
                 exporting.choice = _draw_scene_switches(ui, replace(choice, suffix=suffix), suffix)
             case "objects":
-                titles = [(suffix, f"{suffix}   {title}") for suffix, title in _OBJECT_FILES]
+                titles = [(suffix, f"{suffix}   {translate(title)}") for suffix, title in _OBJECT_FILES]
                 path = replace_ending(path, _draw_combo(ui, "format", titles, find_ending(path)))
                 exporting.choice = replace(choice, hulls=_draw_switch(ui, "hulls", "Hulls", choice.hulls))
             case "masks":
@@ -98,14 +101,15 @@ class ExportOptions:
             case "nurec":
                 imgui.set_next_item_width(_COMBO_EM * imgui.get_font_size())
                 hint = "NuRec's sequence_tracks.json or .usdz (optional)"
-                tracks = imgui.input_text_with_hint("##tracks", hint, choice.nurec_tracks)[1]
+                tracks = imgui.input_text_with_hint("##tracks", translate(hint), choice.nurec_tracks)[1]
                 ui.mark("export.nurec.tracks")
                 if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-                    imgui.set_tooltip("Whose actors and times are meant; without it, the scene's own")
+                    imgui.set_tooltip(translate("Whose actors and times are meant; without it, the scene's own"))
                 exporting.choice = replace(choice, nurec_tracks=tracks)
             case "cameras" | "view":
                 imgui.align_text_to_frame_padding()
-                imgui.text(f".png   {ui.session.state.view_mode.value}, as in the view")
+                mode = phrase(ui.session.state.view_mode.value)
+                imgui.text(translate(".png   {mode}, as in the view", mode=mode))
                 exporting.choice = replace(choice, scale=_draw_scale(ui, choice))
         return path
 
@@ -138,20 +142,26 @@ def _describe_choice(session: EditorSession, path: str) -> str:
     """Explain what the present choice means for time and instances."""
     choice, document, ending = session.export.choice, session.document, find_ending(path)
     has_actors = document is not None and bool(document.scene.actors)
-    standing = f"Moving objects stay where they are at {session.state.time:.2f} s. " if has_actors else ""
+    standing = (
+        phrase("Moving objects stay where they are at {time:.2f} s.", time=session.state.time) if has_actors else ""
+    )
     match choice.what:
         case "scene" | "selection":
             tracked = ending in WITH_TRACKS and choice.keep_tracks
-            moment = "Moving objects keep their tracks. " if tracked and has_actors else standing
+            moment = "Moving objects keep their tracks." if tracked and has_actors else standing
             has_ids = document is not None and len(document.scene.table) > 0
             keeps_ids = ending in _ENDINGS_WITH_IDS and not (choice.sibr and ending == ".ply")
-            return moment + ("" if keeps_ids or not has_ids else "This format cannot hold instance IDs.")
+            return chain_sentences(moment, "" if keeps_ids or not has_ids else "This format cannot hold instance IDs.")
         case "instances":
-            return f"{standing}instances.json lists the files."
+            return chain_sentences(standing, "instances.json lists the files.")
         case "actors":
             return "x right, y forward, z up from the box's centre; poses go into .poses.json."
         case "objects":
-            return f"{standing}A .json holds all times." if has_actors else "Upright boxes around the solid splats."
+            return (
+                chain_sentences(standing, "A .json holds all times.")
+                if has_actors
+                else "Upright boxes around the solid splats."
+            )
         case "masks":
             return "What a click would select, seen by each photo's camera."
         case "cameras":
@@ -162,7 +172,11 @@ def _describe_choice(session: EditorSession, path: str) -> str:
             return "edit-assets.json and external_assets. What was done to the street is listed."
         case "view":
             lens, scale = session.state.viewpoint.lens, choice.scale
-            return f"{lens.width * scale:.0f} × {lens.height * scale:.0f} pixels; hidden splats are left out."
+            return phrase(
+                "{width:.0f} × {height:.0f} pixels; hidden splats are left out.",
+                width=lens.width * scale,
+                height=lens.height * scale,
+            )
 
 
 def _describe_film(session: EditorSession, path: str) -> str:
@@ -173,12 +187,18 @@ def _describe_film(session: EditorSession, path: str) -> str:
     try:
         count = check_film(keys[-1].at - keys[0].at if keys else 0.0, film, Path(path))
     except InstDriveError as error:
-        problem = str(error)
-        return f"{problem[:1].upper()}{problem[1:]}"
+        return user_message(error)
     note = "Hidden splats are left out."
     if find_ending(path) and film.mode == "instance":
         note = "IDs can be read back from PNG only."
-    return f"{format_count(count, 'frame')} of {film.width} × {film.height} pixels, {film.rate:g} per second. {note}"
+    return phrase(
+        "{frames} of {width} × {height} pixels, {rate:g} per second. {note}",
+        frames=format_count(count, "frame"),
+        width=film.width,
+        height=film.height,
+        rate=film.rate,
+        note=phrase(note),
+    )
 
 
 def _draw_film_rows(ui: Ui, path: str) -> str:
@@ -194,13 +214,13 @@ def _draw_film_rows(ui: Ui, path: str) -> str:
     size = imgui.input_int2("##size", [film.width, film.height])[1]
     ui.mark("export.film.size")
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-        imgui.set_tooltip("Width and height in pixels")
+        imgui.set_tooltip(translate("Width and height in pixels"))
     imgui.same_line()
     imgui.set_next_item_width(4.0 * height)
     rate = imgui.input_float("##rate", film.rate, format="%.4g")[1]
     ui.mark("export.film.rate")
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-        imgui.set_tooltip("Frames per second")
+        imgui.set_tooltip(translate("Frames per second"))
     rate = rate if math.isfinite(rate) else film.rate
     settings = FilmSettings(_keep_size(size[0]), _keep_size(size[1]), rate, modes[chosen])
     exporting.choice = replace(exporting.choice, film=settings)
@@ -213,25 +233,26 @@ def _keep_size(side: int) -> int:
 
 
 def _format_title(suffix: str) -> str:
-    return f"{suffix}   {_TITLES[suffix]}".lstrip()
+    return f"{suffix}   {translate(_TITLES[suffix])}".lstrip()
 
 
 def _draw_label(text: str) -> None:
     imgui.align_text_to_frame_padding()
-    draw_dim_text(text)
-    imgui.same_line(_LABEL_EM * imgui.get_font_size())
+    draw_dim_text(translate(text))
+    widest = max(imgui.calc_text_size(translate(word)).x for word in _LABELS) + scale_pixels(10)
+    imgui.same_line(max(_LABEL_EM * imgui.get_font_size(), widest))
 
 
 def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: Key, width: float = _COMBO_EM) -> Key:
     """Draw a drop-down list and return the chosen key; marks: ``export.NAME`` and ``export.NAME.KEY``."""
     imgui.set_next_item_width(width * imgui.get_font_size())
-    opened = imgui.begin_combo(f"##{name}", dict(entries).get(current, ""), imgui.ComboFlags_.height_large)
+    opened = imgui.begin_combo(f"##{name}", translate(dict(entries).get(current, "")), imgui.ComboFlags_.height_large)
     ui.mark(f"export.{name}")
     if not opened:
         return current
     chosen = current
     for key, title in entries:
-        if imgui.selectable(title, key == current)[0]:
+        if imgui.selectable(f"{translate(title)}###{key}", key == current)[0]:
             chosen = key
         ui.mark(f"export.{name}.{key}")
     imgui.end_combo()
@@ -240,10 +261,10 @@ def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: 
 
 def _draw_switch(ui: Ui, name: str, title: str, on: bool, hint: str = "") -> bool:
     imgui.same_line()
-    on = imgui.checkbox(title, on)[1]
+    on = imgui.checkbox(make_label(title), on)[1]
     ui.mark(f"export.{name}")
     if hint and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-        imgui.set_tooltip(hint)
+        imgui.set_tooltip(translate(hint))
     return on
 
 

@@ -13,6 +13,7 @@ from imgui_bundle import portable_file_dialogs as desktop
 
 from instdrive_app.files.file_names import find_folder_beside, find_working_folder
 from instdrive_app.files.folder_listing import FolderEntry, list_folder
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.dialogs.export import ExportOptions
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, holds_scene
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
@@ -20,6 +21,7 @@ from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon
 from instdrive_app.preferences.themes import DIM, ERROR
 from instdrive_app.session.requests import AskExport, AskPath, do_nothing
+from instdrive_core.wording import phrase
 
 TITLE = "Choose a file"
 """What the dialog is listed as; its window is titled by the purpose."""
@@ -51,7 +53,7 @@ class FileBrowser:
             self._options, self._then = self._export, do_nothing
             self._text = self._options.begin(ui.session, request.what)
             self._purpose = self._options.build_purpose(ui.session)
-            imgui.open_popup(self._purpose.title)
+            imgui.open_popup(make_label(self._purpose.title))
             return
         self._options, self._then = None, request.then
         purpose = self._purpose = PURPOSES[request.purpose]
@@ -61,11 +63,11 @@ class FileBrowser:
         stem = current.name.split(".")[0].removesuffix("_edited") if current else "scene"
         self._text = str(folder / f"{stem}{purpose.suggestion}") if purpose.writes else f"{folder}/"
         if not has_desktop_dialogs():
-            imgui.open_popup(purpose.title)
+            imgui.open_popup(make_label(purpose.title))
             return
         endings = " ".join(f"*{suffix}" for suffix in purpose.suffixes)
         dialog = desktop.save_file if purpose.writes else desktop.open_file
-        self._pending = dialog(purpose.title, self._text, ["Scenes", endings])
+        self._pending = dialog(translate(purpose.title), self._text, [translate("Scenes"), endings])
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
@@ -75,7 +77,7 @@ class FileBrowser:
         center_next_window(
             ImVec2(46 * em, 29 * em + (0 if options is None else options.rows * imgui.get_frame_height_with_spacing()))
         )
-        if imgui.begin_popup_modal(self._purpose.title, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        if imgui.begin_popup_modal(make_label(self._purpose.title), None, imgui.WindowFlags_.no_saved_settings)[0]:
             if options is not None:
                 self._text = options.draw(ui, self._text)
                 self._purpose = options.build_purpose(ui.session)
@@ -91,7 +93,7 @@ class FileBrowser:
             path = self._purpose.complete(path)
             problem = self._purpose.find_problem(path)
             if problem:
-                ui.session.messages.error(f"{path}: {problem}")
+                ui.session.messages.error(phrase("{path}: {problem}", path=path, problem=phrase(problem)))
             else:
                 self._purpose.act(ui.session, path, self._then)
 
@@ -114,9 +116,9 @@ class FileBrowser:
         path = purpose.complete(path)
         problem = purpose.find_problem(path)
         if problem:
-            imgui.text_colored(rgba(DIM if os.path.isdir(path) else ERROR), problem)
+            imgui.text_colored(rgba(DIM if os.path.isdir(path) else ERROR), translate(problem))
         else:
-            draw_dim_text(_describe_consequence(purpose, path))
+            draw_dim_text(translate(_describe_consequence(purpose, path)))
         if draw_confirm_buttons(ui, purpose.verb, entered, not problem):
             purpose.act(ui.session, path, self._then)
 
@@ -128,7 +130,7 @@ class FileBrowser:
         recents = ui.session.files.recents.paths
         if recents:
             imgui.spacing()
-            draw_dim_text("Recent")
+            draw_dim_text(translate("Recent"))
         for recent in recents:
             if imgui.selectable(f"{recent.name}##{recent}", False, _STAY)[0]:
                 self._choose(recent)
@@ -140,9 +142,9 @@ class FileBrowser:
         if not imgui.begin_table("##files", 3, flags):
             return
         em, fixed = imgui.get_font_size(), imgui.TableColumnFlags_.width_fixed
-        imgui.table_setup_column("Name", imgui.TableColumnFlags_.width_stretch)
-        imgui.table_setup_column("Size", fixed, 4.5 * em)
-        imgui.table_setup_column("Modified", fixed, 7 * em)
+        imgui.table_setup_column(make_label("Name"), imgui.TableColumnFlags_.width_stretch)
+        imgui.table_setup_column(make_label("Size"), fixed, 4.5 * em)
+        imgui.table_setup_column(make_label("Modified"), fixed, 7 * em)
         imgui.table_setup_scroll_freeze(0, 1)
         imgui.table_headers_row()
         if folder.parent != folder:

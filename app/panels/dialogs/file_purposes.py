@@ -7,12 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from instdrive_app.files.file_names import list_choices
+from instdrive_app.messages import read_error
 from instdrive_app.preferences.key_presets import read_keys, write_keys
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import WRITTEN
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import FORMATS, is_scene_folder
 from instdrive_core.project.save import SUFFIX
+from instdrive_core.wording import phrase
 
 SCENE_ENDINGS = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
 FILE_ENDINGS = (*SCENE_ENDINGS, SUFFIX, ".json", ".glb", ".png", ".mp4", ".webm")
@@ -59,19 +62,23 @@ class FilePurpose:
         if self.folders and holds_scene(path):
             return ""
         if not self.folders:
-            return f"Choose a file whose name ends in {' or '.join(self.suffixes)}"
+            return phrase("Choose a file whose name ends in {endings}", endings=list_choices(self.suffixes))
         return "Choose a scene file or a folder that contains a scene"
 
     def _check_new(self, path: Path) -> str:
-        endings = " or ".join(self.suffixes)
+        endings = list_choices(self.suffixes)
         if self.fills and not path.suffix:
             return "The folder is not empty; name a new one" if _holds_anything(path) else _check_parent(path)
         if os.path.isdir(path) and not (self.folders and holds_scene(path)):
-            return f"Add a file name that ends in {endings}"
+            return phrase("Add a file name that ends in {endings}", endings=endings)
         if not path.name.lower().endswith(self.suffixes) and (path.suffix or not self.folders):
-            kind = "a folder of pictures" if self.fills else "a scene folder"
-            folder = f", or have no ending for {kind}" if self.folders else ""
-            return f"The name must end in {endings}{folder}"
+            if not self.folders:
+                return phrase("The name must end in {endings}", endings=endings)
+            if self.fills:
+                return phrase(
+                    "The name must end in {endings}, or have no ending for a folder of pictures", endings=endings
+                )
+            return phrase("The name must end in {endings}, or have no ending for a scene folder", endings=endings)
         return _check_parent(path)
 
 
@@ -93,7 +100,7 @@ def _check_filled_folder(path: Path) -> str:
 
 
 def _check_parent(path: Path) -> str:
-    return "" if os.path.isdir(path.parent) else f"The folder {path.parent} does not exist"
+    return "" if os.path.isdir(path.parent) else phrase("The folder {parent} does not exist", parent=path.parent)
 
 
 def holds_scene(folder: Path) -> bool:
@@ -125,19 +132,19 @@ def _export_keys(session: EditorSession, path: Path, _: Callable[[], None]) -> N
     try:
         write_keys(path, chosen.preset, chosen.keys)
     except DataError as error:
-        session.messages.error(str(error))
+        session.messages.error(read_error(error))
     else:
-        session.messages.info(f"Exported the keys to {path}")
+        session.messages.info(phrase("Exported the keys to {path}", path=path))
 
 
 def _import_keys(session: EditorSession, path: Path, _: Callable[[], None]) -> None:
     try:
         preset, keys = read_keys(path, session.actions.usual_keys)
     except DataError as error:
-        session.messages.error(str(error))
+        session.messages.error(read_error(error))
     else:
         session.preferences.change(preset=preset, keys=keys)
-        session.messages.info(f"The keys are now those of {path.name}")
+        session.messages.info(phrase("The keys are now those of {name}", name=path.name))
 
 
 PURPOSES = {

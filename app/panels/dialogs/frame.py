@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill
 from instdrive_app.panels.widgets.ui import Ui, scale_pixels
 
@@ -49,14 +50,16 @@ def draw_confirm_buttons(ui: Ui, title: str, entered: bool, valid: bool, cancel:
     """
     entered |= is_enter_pressed()
     imgui.spacing()
-    width, style = scale_pixels(BUTTON_WIDTH), imgui.get_style()
+    style = imgui.get_style()
+    wide = max(imgui.calc_text_size(translate(text)).x for text in (title, cancel)) + 2 * style.frame_padding.x
+    width = max(scale_pixels(BUTTON_WIDTH), wide)
     imgui.set_cursor_pos_x(imgui.get_window_width() - 2 * width - style.item_spacing.x - style.window_padding.x)
-    cancelled = imgui.button(cancel, ImVec2(width, 0)) or _is_escape_pressed()
+    cancelled = imgui.button(make_label(cancel), ImVec2(width, 0)) or _is_escape_pressed()
     ui.mark("dialog.cancel")
     imgui.same_line()
     imgui.begin_disabled(not valid)
     push_accent_fill()
-    accepted = imgui.button(title, ImVec2(width, 0))
+    accepted = imgui.button(make_label(title), ImVec2(width, 0))
     pop_accent_fill()
     ui.mark("dialog.accept")
     imgui.end_disabled()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.requests import AskOtherSave
+from instdrive_core.wording import phrase
 
 TITLE = "Saved by another editor"
 
@@ -21,7 +23,7 @@ class OtherSaveDialog:
     def open(self, ui: Ui, request: AskOtherSave) -> None:
         """Open it."""
         self._request = request
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
@@ -36,8 +38,9 @@ class OtherSaveDialog:
         def cancel() -> None:
             self._request = None
 
-        text = (
-            f"Another editor has saved {request.path.name} since you opened it here. If you overwrite it, the changes "
-            "made there are lost.\n\nFile › Save project as… keeps both."
+        text = phrase(
+            "Another editor has saved {name} since you opened it here. If you overwrite it, the "
+            "changes made there are lost.\n\nFile › Save project as… keeps both.",
+            name=request.path.name,
         )
         draw_question(ui, TITLE, text, {"Cancel": cancel, "Overwrite": save_over})

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.dialogs.frame import center_next_window, is_enter_pressed
 from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill
 from instdrive_app.panels.widgets.ui import Ui
@@ -18,12 +19,12 @@ def draw_question(ui: Ui, title: str, text: str, answers: Answers) -> None:
     """Draw a question while its popup is open; an answer closes the popup. Marks: ``question.TITLE OF BUTTON``."""
     em = imgui.get_font_size()
     center_next_window(ImVec2(30 * em, 0))
-    if not imgui.begin_popup_modal(title, None, imgui.WindowFlags_.no_saved_settings)[0]:
+    if not imgui.begin_popup_modal(make_label(title), None, imgui.WindowFlags_.no_saved_settings)[0]:
         return
-    imgui.text_wrapped(text)
+    imgui.text_wrapped(translate(text))
     imgui.spacing()
     gap = imgui.get_style().item_spacing.x
-    widths = [imgui.calc_text_size(name).x + 2.2 * em for name in answers]
+    widths = [imgui.calc_text_size(translate(name)).x + 2.2 * em for name in answers]
     imgui.set_cursor_pos_x(
         imgui.get_window_width() - sum(widths) - gap * (len(widths) - 1) - imgui.get_style().window_padding.x
     )
@@ -32,7 +33,7 @@ def draw_question(ui: Ui, title: str, text: str, answers: Answers) -> None:
         proposed = name == names[-1]
         if proposed:
             push_accent_fill()
-        pressed = imgui.button(name, ImVec2(width, 0))
+        pressed = imgui.button(make_label(name), ImVec2(width, 0))
         ui.mark(f"question.{name}")
         if proposed:
             pop_accent_fill()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.instances.rows import InstanceRows, Query
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, draw_fitted_selectable, draw_swatch, get_icon, scale_size
@@ -29,18 +30,18 @@ class ReassignDialog:
             return
         self._search, self._target = "", NEW
         self._count = len(document.state.find_rows(Flag.SELECTED))
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         center_next_window(scale_size(380, 0))
-        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        if not imgui.begin_popup_modal(make_label(TITLE), None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        draw_dim_text(f"{format_count(self._count, 'splat')} will be assigned to")
+        draw_dim_text(translate("{splats} will be assigned to", splats=format_count(self._count, "splat")))
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
-        hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  Name, class or number"
+        hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  {translate('Name, class or number')}"
         entered, self._search = imgui.input_text_with_hint(
             "##search", hint, self._search, imgui.InputTextFlags_.enter_returns_true
         )
@@ -57,8 +58,8 @@ class ReassignDialog:
         self._rows.update(document, Query(self._search))
         imgui.begin_child("##targets", ImVec2(0, 9 * imgui.get_text_line_height_with_spacing()))
         if not self._search:
-            self._draw_choice(ui, NEW, f"{get_icon('ICON_FA_CIRCLE_PLUS')}  a new instance")
-            self._draw_choice(ui, NONE, f"{get_icon('ICON_FA_BAN')}  no instance")
+            self._draw_choice(ui, NEW, f"{get_icon('ICON_FA_CIRCLE_PLUS')}  {translate('a new instance')}")
+            self._draw_choice(ui, NONE, f"{get_icon('ICON_FA_BAN')}  {translate('no instance')}")
         elif self._target not in self._rows.place and self._rows.ids:
             self._target = self._rows.ids[0]
         clipper = imgui.ListClipper()

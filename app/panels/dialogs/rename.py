@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, scale_size
 from instdrive_app.session.requests import AskName
@@ -23,12 +24,12 @@ class RenameDialog:
         self._instance = request.instance
         if document is not None and self._instance in document.scene.table:
             self._name = document.scene.table[self._instance].name
-            imgui.open_popup(TITLE)
+            imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         center_next_window(scale_size(340, 0))
-        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        if not imgui.begin_popup_modal(make_label(TITLE), None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_fitted_selectable, scale_size
 from instdrive_app.session.requests import AskClass
@@ -26,18 +27,18 @@ class ClassDialog:
             return
         classes = {document.scene.table[i].class_name for i in self._ids}
         self._text = classes.pop() if len(classes) == 1 else ""
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         center_next_window(scale_size(340, 0))
-        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        if not imgui.begin_popup_modal(make_label(TITLE), None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-        entered, self._text = imgui.input_text_with_hint("##class", "unknown", self._text, flags)
+        entered, self._text = imgui.input_text_with_hint("##class", translate("unknown"), self._text, flags)
         ui.mark("class.name")
         known = ui.session.labels.list_classes()
         height = min(max(len(known), 1), 8) * imgui.get_text_line_height_with_spacing()

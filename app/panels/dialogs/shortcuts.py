@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import format_shortcut
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, center_next_window, is_enter_pressed
 from instdrive_app.panels.menus import format_action_title
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
@@ -30,6 +31,8 @@ MOUSE = (
     ("W A S D, Q E", "Fly; faster with Shift"),
     ("Up, Down, Home, End", "In the list: go to a row; Shift extends the selection"),
 )
+KEYS_EM = 9.5
+"""Width of the keys, in font sizes."""
 COLUMNS = 3
 
 
@@ -47,12 +50,12 @@ class ShortcutSheet:
 
     def open(self, ui: Ui, request: ShowShortcuts) -> None:
         """Open it."""
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         center_next_window(ImVec2(76 * imgui.get_font_size(), 0), always=True)
-        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        if not imgui.begin_popup_modal(make_label(TITLE), None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         style = imgui.get_style()
         # Title and button stay in place where the rest scrolls.
@@ -63,7 +66,7 @@ class ShortcutSheet:
         imgui.end_child()
         width, padding = scale_pixels(BUTTON_WIDTH), imgui.get_style().window_padding.x
         imgui.set_cursor_pos_x(imgui.get_window_width() - width - padding)
-        closed = imgui.button("Close", ImVec2(width, 0))
+        closed = imgui.button(make_label("Close"), ImVec2(width, 0))
         ui.mark("dialog.cancel")
         if closed or is_enter_pressed() or imgui.is_key_pressed(imgui.Key.escape):
             imgui.close_current_popup()
@@ -112,10 +115,12 @@ def _collect_groups(ui: Ui) -> list[ShortcutGroup]:
 
 def _draw_group(ui: Ui, group: ShortcutGroup) -> None:
     imgui.push_font(ui.fonts.bold, 0.0)
-    imgui.text(group.title)
+    imgui.text(translate(group.title))
     imgui.pop_font()
     for key, action in group.rows:
-        draw_dim_text(key)
-        imgui.same_line(imgui.get_font_size() * 9.5)
-        imgui.text_wrapped(action)
+        text, width = translate(key), imgui.get_font_size() * KEYS_EM
+        fits = imgui.calc_text_size(text).x < width - scale_pixels(4)
+        draw_dim_text(text if fits else text.replace(", ", ",\n"))
+        imgui.same_line(width)
+        imgui.text_wrapped(translate(action))
     imgui.spacing()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.requests import AskTooLarge
-from instdrive_core.errors import format_gigabytes, format_ordinal
+from instdrive_core.errors import format_gigabytes, say_ordinal
+from instdrive_core.wording import phrase
 
 TITLE = "The scene is too large"
 
@@ -22,7 +24,7 @@ class TooLargeDialog:
     def open(self, ui: Ui, request: AskTooLarge) -> None:
         """Open it."""
         self._request = request
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
@@ -30,7 +32,7 @@ class TooLargeDialog:
             return
         path, found = self._request.path, self._request.error
         keep_every = found.keep_every or found.count
-        every = f"every {format_ordinal(keep_every)}"
+        every = say_ordinal(keep_every)
 
         def open_part() -> None:
             self._request = None
@@ -39,9 +41,14 @@ class TooLargeDialog:
         def cancel() -> None:
             self._request = None
 
-        text = (
-            f"{path.name} has {found.count:,} splats. Editing it needs {format_gigabytes(found.needed)} of memory; "
-            f"{format_gigabytes(found.available)} are free. Open {every} splat?\n\n"
-            "The splats are then made larger, so that they leave no gaps. The file does not change."
+        text = phrase(
+            "{name} has {count:,} splats. Editing it needs {needed} of memory; {available} are free. "
+            "Open every {ordinal} splat?\n\nThe splats are then made larger, so that they leave no gaps. "
+            "The file does not change.",
+            name=path.name,
+            count=found.count,
+            needed=format_gigabytes(found.needed),
+            available=format_gigabytes(found.available),
+            ordinal=every,
         )
-        draw_question(ui, TITLE, text, {"Cancel": cancel, f"Open {every}": open_part})
+        draw_question(ui, TITLE, text, {"Cancel": cancel, phrase("Open every {ordinal}", ordinal=every): open_part})

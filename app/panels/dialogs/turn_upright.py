@@ -9,6 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 from instdrive_app.session.requests import AskUp
@@ -24,6 +25,7 @@ from instdrive_core.scene.upright import (
     find_nearest_axis,
     format_axis,
 )
+from instdrive_core.wording import chain_sentences, list_phrases, phrase
 
 TITLE = "Turn upright"
 VIEW, GROUND = "view", "ground"
@@ -44,16 +46,16 @@ class TurnUprightDialog:
         """Open it, and guess which way is up."""
         self._choice, self._chosen, self._scale = UP, False, 1.0
         ui.session.orientation.guess_up(self._propose)
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         em = imgui.get_font_size()
         center_next_window(ImVec2(31 * em, 0))
-        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        if not imgui.begin_popup_modal(make_label(TITLE), None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         estimate = ui.session.orientation.estimate
-        imgui.text("Which direction of the scene is up?")
+        imgui.text(translate("Which direction of the scene is up?"))
         imgui.spacing()
         self._draw_axes(ui)
         self._draw_other_choices(ui, estimate)
@@ -63,8 +65,8 @@ class TurnUprightDialog:
         imgui.push_text_wrap_pos(0)
         up = self._find_up(ui, estimate)
         if ui.session.document is not None:
-            imgui.text(describe_turn(up, self._scale, ui.session.document.scene))
-        draw_dim_text(describe_guess(estimate))
+            imgui.text(translate(describe_turn(up, self._scale, ui.session.document.scene)))
+        draw_dim_text(translate(describe_guess(estimate)))
         imgui.pop_text_wrap_pos()
         changes = self._scale != 1 or not np.array_equal(up, compute_axis_direction(UP))
         if draw_confirm_buttons(ui, "Turn", False, changes):
@@ -85,20 +87,28 @@ class TurnUprightDialog:
     def _draw_other_choices(self, ui: Ui, estimate: UpEstimate | None) -> None:
         up, angle = ui.session.orientation.find_view_up()
         axis, tilt = find_nearest_axis(up)
-        exact = f"{format_axis(axis)}, exactly" if tilt == 0 else f"{tilt:.0f}° from {format_axis(axis)}"
-        near = f" (the view is {angle:.0f}° off)" if angle >= 1 else ""
-        self._draw_radio(ui, VIEW, f"Up in the view: {exact}{near}")
+        exact = (
+            phrase("{axis}, exactly", axis=format_axis(axis))
+            if tilt == 0
+            else phrase("{tilt:.0f}° from {axis}", tilt=tilt, axis=format_axis(axis))
+        )
+        title = phrase("Up in the view: {exact}", exact=exact)
+        if angle >= 1:
+            title = phrase("Up in the view: {exact} (the view is {angle:.0f}° off)", exact=exact, angle=angle)
+        self._draw_radio(ui, VIEW, title)
         if estimate is not None and estimate.tilt:
-            self._draw_radio(ui, GROUND, f"Up by {estimate.reason}: {estimate.words}")
+            self._draw_radio(
+                ui, GROUND, phrase("Up by {reason}: {words}", reason=estimate.reason, words=estimate.words)
+            )
 
     def _draw_radio(self, ui: Ui, choice: Choice, title: str) -> None:
-        if imgui.radio_button(f"{title}##{choice}", self._choice == choice):
+        if imgui.radio_button(make_label(title, str(choice)), self._choice == choice):
             self._choice, self._chosen = choice, True
         ui.mark(f"upright.{choice}")
 
     def _draw_scale_field(self, ui: Ui) -> None:
         imgui.align_text_to_frame_padding()
-        draw_dim_text("Scale everything by")
+        draw_dim_text(translate("Scale everything by"))
         imgui.same_line()
         imgui.set_next_item_width(imgui.get_font_size() * 6)
         _, scale = imgui.input_float("##scale", self._scale, 0.0, 0.0, "%g")
@@ -106,7 +116,7 @@ class TurnUprightDialog:
         if isfinite(scale):
             self._scale = min(max(scale, SCALE_LIMITS[0]), SCALE_LIMITS[1])
         imgui.same_line()
-        draw_dim_text("(0.01 if the file is in centimetres)")
+        draw_dim_text(translate("(0.01 if the file is in centimetres)"))
 
     def _find_up(self, ui: Ui, estimate: UpEstimate | None) -> Float64[ndarray, "3"]:
         """The chosen direction, a unit vector in the world."""
@@ -126,16 +136,22 @@ def describe_turn(up: Float64[ndarray, "3"], scale: float, scene: Scene) -> str:
     axis, tilt = find_nearest_axis(up)
     parts = []
     if angle:
-        name = format_axis(axis) if tilt == 0 else f"the direction {tilt:.0f}° from {format_axis(axis)}"
-        parts.append(f"The whole scene turns by {angle:.0f}°, so that {name} points up.")
+        name = (
+            format_axis(axis)
+            if tilt == 0
+            else phrase("the direction {tilt:.0f}° from {axis}", tilt=tilt, axis=format_axis(axis))
+        )
+        parts.append(phrase("The whole scene turns by {angle:.0f}°, so that {name} points up.", angle=angle, name=name))
     if scale != 1:
-        parts.append(f"Everything becomes {scale:g} times as large.")
-    along = {"the drives": scene.actors, "the photos' cameras": scene.views, "the sky": scene.sky}
+        parts.append(phrase("Everything becomes {scale:g} times as large.", scale=scale))
+    along = {
+        phrase("the drives"): scene.actors,
+        phrase("the photos' cameras"): scene.views,
+        phrase("the sky"): scene.sky,
+    }
     if names := [name for name, found in along.items() if found]:
-        words = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-        verb = "changes" if names == ["the sky"] else "change"
-        parts.append(f"{words[0].upper()}{words[1:]} {verb} with it.")
-    return " ".join([*parts, "You can undo this."])
+        parts.append(phrase("This changes with it: {names}.", names=list_phrases(names)))
+    return chain_sentences(*parts, "You can undo this.")
 
 
 def describe_guess(estimate: UpEstimate | None) -> str:
@@ -143,7 +159,9 @@ def describe_guess(estimate: UpEstimate | None) -> str:
     if estimate is None:
         return "Estimating which way is up…"
     if estimate.confident:
-        return f"Guess: {estimate.words}, according to {estimate.reason}."
+        return phrase("Guess: {words}, according to {reason}.", words=estimate.words, reason=estimate.reason)
     if estimate.axis == UP:
         return "Nothing suggests that the scene lies on its side."
-    return f"No ground was found. In most files from other programs, {format_axis(estimate.axis)} points up."
+    return phrase(
+        "No ground was found. In most files from other programs, {axis} points up.", axis=format_axis(estimate.axis)
+    )

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.requests import AskPath, AskUnsaved
+from instdrive_core.wording import phrase
 
 TITLE = "Unsaved changes"
 
@@ -21,7 +23,7 @@ class UnsavedDialog:
     def open(self, ui: Ui, request: AskUnsaved) -> None:
         """Open it."""
         self._request = request
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
@@ -29,8 +31,10 @@ class UnsavedDialog:
         if request is None:
             return
         path, project = files.path, files.project
-        name, where = path.name if path else "the scene", "" if project else " to a project file"
-        text = f"The changes to {name} have not been saved{where}."
+        name = path.name if path else phrase("the scene")
+        text = phrase("The changes to {name} have not been saved to a project file.", name=name)
+        if project:
+            text = phrase("The changes to {name} have not been saved.", name=name)
 
         def save() -> None:
             self._request = None

@@ -7,14 +7,16 @@ from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.gestures import Gesture
 from instdrive_app.panels.widgets.theme import rgba
-from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, make_icon_label, scale_pixels
 from instdrive_app.preferences.themes import DIM, TEXT
 from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.absolute_adjustment import AdjustmentSummary, summarize_adjustments
+from instdrive_core.wording import phrase
 
 Ids = tuple[int, ...]
 
@@ -60,32 +62,32 @@ class AdjustSection:
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """Draw one frame."""
         look = self._find_look(document, ids)
-        label = max(imgui.calc_text_size(slider.title).x for slider in SLIDERS.values()) + scale_pixels(10)
+        label = max(imgui.calc_text_size(translate(slider.title)).x for slider in SLIDERS.values()) + scale_pixels(10)
         for kind in SLIDERS:
             self._draw_slider(ui, kind, ids, look.amounts[kind], label)
         imgui.begin_disabled(not look.recolored)
-        if imgui.button(f"{get_icon('ICON_FA_ROTATE_LEFT')}  Reset colours", ImVec2(-1, 0)):
+        if imgui.button(make_icon_label("ICON_FA_ROTATE_LEFT", "Reset colours"), ImVec2(-1, 0)):
             ui.session.colors.reset(ids)
         imgui.end_disabled()
         ui.mark("inspector.reset_colors")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Back to the trained colours and opacities")
+            imgui.set_tooltip(translate("Back to the trained colours and opacities"))
 
     def _draw_slider(self, ui: Ui, kind: AdjustKind, ids: Ids, amounts: tuple[float, ...], label: float) -> None:
         slider, neutral = SLIDERS[kind], RANGES[kind].neutral
         mixed = len(amounts) > 1
         amount = amounts[0] if len(amounts) == 1 else neutral
         imgui.align_text_to_frame_padding()
-        draw_dim_text(slider.title)
+        draw_dim_text(translate(slider.title))
         imgui.same_line(imgui.get_cursor_start_pos().x + label)
         reset = imgui.get_frame_height()
         imgui.set_next_item_width(imgui.get_content_region_avail().x - reset - scale_pixels(4))
-        form = "mixed" if mixed else slider.form
+        form = translate("mixed") if mixed else slider.form
         changed, value = imgui.slider_float(f"##{kind}", amount * slider.scale, slider.low, slider.high, form)
         gesture = self._gestures[kind].name_drag()
         ui.mark(f"inspector.adjust.{kind}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip(f"{HINTS[kind]}. Ctrl + click to type")
+            imgui.set_tooltip(translate("{hint}. Ctrl + click to type", hint=phrase(HINTS[kind])))
         if changed and isfinite(value):
             low, high, _ = RANGES[kind]
             # A typed 130 % must become 1.3, not its neighbour in single precision.
@@ -102,7 +104,7 @@ class AdjustSection:
         imgui.pop_style_color(2)
         ui.mark(f"inspector.adjust.{kind}.reset")
         if possible and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip(f"Reset {SLIDERS[kind].title.lower()}")
+            imgui.set_tooltip(translate("Reset: {amount}", amount=phrase(SLIDERS[kind].title)))
 
     def _find_look(self, document: Document, ids: Ids) -> AdjustmentSummary:
         """Look up the instances' adjustments; the answer is kept until something changes."""

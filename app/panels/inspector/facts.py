@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.inspector.rows import draw_fact, draw_widget_label
 from instdrive_app.panels.widgets.codeword import draw_bit_squares
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
 from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.table import Instance
+from instdrive_core.wording import phrase
 
 Ids = tuple[int, ...]
 
@@ -30,7 +32,7 @@ class FactsSection:
         classes, drawn, selected = self._sum_up(document, ids)
         draw_widget_label("Class")
         arrow = imgui.get_frame_height()
-        hint = "unknown" if len(classes) == 1 else "several"
+        hint = translate("unknown") if len(classes) == 1 else translate("several")
         entered = self._class.draw(ui, "inspector.class", next(iter(classes)) if len(classes) == 1 else "", hint, arrow)
         if entered is not None:
             labels.set_class(ids, entered)
@@ -42,10 +44,10 @@ class FactsSection:
         if len(ids) == 1:
             _draw_single_instance(document, table[ids[0]])
         else:
-            draw_fact("Splats", f"{drawn:,}")
+            draw_fact("Splats", phrase("{drawn:,}", drawn=drawn))
         if selected < drawn:
-            draw_fact("Selected", f"{selected:,} of the splats")
-            draw_dim_text("Changes below affect whole instances")
+            draw_fact("Selected", phrase("{selected:,} of the splats", selected=selected))
+            draw_dim_text(translate("Changes below affect whole instances"))
 
     def _sum_up(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
         """Classes, and numbers of splats drawn and selected; kept until something changes."""
@@ -64,7 +66,7 @@ class FactsSection:
         names = ui.session.labels.list_classes()
         for name in (*names, ""):
             chosen = all(document.scene.table[i].class_name == name for i in ids)
-            if imgui.selectable(name or "unknown", chosen)[0]:
+            if imgui.selectable(f"{name}###class {name}" if name else make_label("unknown", "class "), chosen)[0]:
                 ui.session.labels.set_class(ids, name)
             ui.mark(f"inspector.class.{name or 'unknown'}")
         imgui.end_popup()
@@ -101,14 +103,18 @@ class TextField:
 
 def _draw_single_instance(document: Document, instance: Instance) -> None:
     summary = document.summarize_instance(instance.id)
-    drawn = f"{summary.drawn:,}" if summary.drawn == summary.count else f"{summary.drawn:,} of {summary.count:,}"
+    drawn = (
+        phrase("{drawn:,}", drawn=summary.drawn)
+        if summary.drawn == summary.count
+        else phrase("{drawn:,} of {count:,}", drawn=summary.drawn, count=summary.count)
+    )
     draw_fact("Splats", drawn)
     low, high = instance.bounds
     size = [b - a for a, b in zip(low, high, strict=True)]
     draw_fact("Size", f"{size[0]:.2f} × {size[1]:.2f} × {size[2]:.2f} m")
     if instance.node:
         track = document.scene.actors[instance.node - 1]
-        draw_fact("Moves", f"{track.compute_path_length():.1f} m along its track")
+        draw_fact("Moves", phrase("{length:.1f} m along its track", length=track.compute_path_length()))
     if document.scene.code_bits:
         draw_fact("Codeword", str(instance.codeword))
         imgui.same_line(0, scale_pixels(10))

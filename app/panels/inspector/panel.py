@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.inspector.adjust import AdjustSection
 from instdrive_app.panels.inspector.facts import FactsSection, TextField
 from instdrive_app.panels.inspector.placement import PlacementSection
@@ -23,6 +24,7 @@ from instdrive_app.panels.widgets.ui import (
 from instdrive_app.preferences.themes import PANEL, RAISED
 from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.table import Instance
+from instdrive_core.wording import format_count
 
 BUTTONS = ("edit.delete", "edit.hide", "edit.lock", "edit.solo", "view.frame", "labels.split", "labels.absorb")
 
@@ -55,7 +57,7 @@ class InspectorPanel:
         document, ids = ui.session.document, ui.session.selection.ids
         if document is None or not ids:
             imgui.push_text_wrap_pos(0)
-            imgui.text_disabled(_advise(ui, document))
+            imgui.text_disabled(translate(_advise(ui, document)))
             imgui.pop_text_wrap_pos()
             return
         self._draw_heading(ui, document, ids)
@@ -76,7 +78,7 @@ class InspectorPanel:
         imgui.push_font(ui.fonts.bold, 0.0)
         instance, number = document.scene.table[ids[0]], f"#{ids[0]}"
         if len(ids) > 1:
-            imgui.text(f"{len(ids)} instances")
+            imgui.text(translate(format_count(len(ids), "instance")))
             imgui.pop_font()
             return
         _draw_framed_swatch(ui, instance)
@@ -88,7 +90,7 @@ class InspectorPanel:
         imgui.pop_style_color()
         imgui.pop_font()
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip(f"{instance.name}\nClick to rename")
+            imgui.set_tooltip(translate("{name}\nClick to rename", name=instance.name))
         if name:
             ui.session.labels.rename(instance.id, name)
         imgui.same_line(0, scale_pixels(8))
@@ -132,7 +134,7 @@ def _draw_section_header(ui: Ui, title: str) -> bool:
     imgui.push_font(ui.fonts.bold, 0.0)
     imgui.push_style_color(imgui.Col_.header, rgba(RAISED, 0.55))
     imgui.push_style_var(imgui.StyleVar_.frame_padding, scale_size(4, 2))
-    shown = imgui.collapsing_header(title, imgui.TreeNodeFlags_.default_open)
+    shown = imgui.collapsing_header(make_label(title), imgui.TreeNodeFlags_.default_open)
     imgui.pop_style_var()
     imgui.pop_style_color()
     imgui.pop_font()

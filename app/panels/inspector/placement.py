@@ -7,12 +7,14 @@ from dataclasses import replace
 from imgui_bundle import imgui
 
 from instdrive_app.actions.move import SWITCHES
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.inspector.rows import draw_widget_label
 from instdrive_app.panels.widgets.number_field import EnteredNumber, NumberField
 from instdrive_app.panels.widgets.ui import Ui, draw_action_button, draw_dim_text, scale_pixels, scale_size
 from instdrive_app.session.move_controller import Placement
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.move import SCALE_LIMITS
+from instdrive_core.wording import phrase
 
 FARTHEST = 1e6
 """Largest number of metres or degrees that can be typed."""
@@ -26,7 +28,9 @@ class PlacementSection:
 
     def __init__(self) -> None:
         self._position = tuple(
-            NumberField(axis, "%.2f", 0.02, -FARTHEST, FARTHEST, f"{axis} of the centre in the world, metres")
+            NumberField(
+                axis, "%.2f", 0.02, -FARTHEST, FARTHEST, phrase("{axis} of the centre in the world, metres", axis=axis)
+            )
             for axis in "xyz"
         )
         yaw = "Rotation about the vertical: moving objects in the world, others since they were trained"
@@ -59,7 +63,8 @@ class PlacementSection:
                 moving.shift_along_lane(entered.value, entered.gesture)
         _draw_commands(ui)
         if any(document.scene.table[i].node for i in ids):
-            draw_dim_text("Moves its whole track" if len(ids) == 1 else "Moves the whole tracks of moving objects")
+            text = "Moves its whole track" if len(ids) == 1 else "Moves the whole tracks of moving objects"
+            draw_dim_text(translate(text))
         self._scroll_into_view(ui, ids)
 
     def _scroll_into_view(self, ui: Ui, ids: Ids) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.widgets.gestures import Gesture
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import (
@@ -18,16 +19,17 @@ from instdrive_app.preferences.themes import ACCENT, TEXT
 from instdrive_app.session.color_controller import ColorMode
 from instdrive_core.edits.bases.body_color import RGB, find_body_color
 from instdrive_core.edits.document.document import Document
+from instdrive_core.wording import phrase
 
 PRESETS: dict[str, tuple[float, float, float]] = {
-    "red": (0.82, 0.13, 0.13),
-    "orange": (0.93, 0.49, 0.10),
-    "yellow": (0.93, 0.80, 0.18),
-    "green": (0.18, 0.62, 0.30),
-    "blue": (0.15, 0.38, 0.80),
-    "purple": (0.52, 0.26, 0.74),
-    "white": (0.92, 0.92, 0.92),
-    "black": (0.08, 0.08, 0.09),
+    phrase("red"): (0.82, 0.13, 0.13),
+    phrase("orange"): (0.93, 0.49, 0.10),
+    phrase("yellow"): (0.93, 0.80, 0.18),
+    phrase("green"): (0.18, 0.62, 0.30),
+    phrase("blue"): (0.15, 0.38, 0.80),
+    phrase("purple"): (0.52, 0.26, 0.74),
+    phrase("white"): (0.92, 0.92, 0.92),
+    phrase("black"): (0.08, 0.08, 0.09),
 }
 MODES: dict[ColorMode, str] = {"paint": "Paint", "tint": "Tint", "hue": "Hue", "solid": "Solid"}
 MODE_HINTS: dict[ColorMode, str] = {
@@ -52,7 +54,8 @@ def draw_preset_row(ui: Ui, where: str, ids: tuple[int, ...]) -> bool:
             clicked = True
         ui.mark(f"{where}.color.{name}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip(f"{MODES[ui.session.colors.find_mode(ids)]} {name}")
+            mode = phrase(MODES[ui.session.colors.find_mode(ids)])
+            imgui.set_tooltip(translate("{mode}: {color}", mode=mode, color=phrase(name)))
     imgui.pop_style_var()
     return clicked
 
@@ -73,11 +76,11 @@ class RecolorSection:
         for number, (mode, title) in enumerate(MODES.items()):
             if number:
                 imgui.same_line()
-            if imgui.radio_button(title, chosen == mode):
+            if imgui.radio_button(make_label(title), chosen == mode):
                 session.colors.mode = mode
             ui.mark(f"inspector.mode.{mode}")
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-                imgui.set_tooltip(MODE_HINTS[mode])
+                imgui.set_tooltip(translate(MODE_HINTS[mode]))
         draw_preset_row(ui, "inspector", ids)
         flags = imgui.ColorEditFlags_
         style = flags.no_alpha | flags.display_hex | flags.picker_hue_wheel | flags.no_options | flags.no_label
@@ -101,7 +104,7 @@ class RecolorSection:
         shown = colors.reference or self._find_body_color(document, ids)
         imgui.color_button("##replaced", ImVec4(*shown, 1.0), flags.no_tooltip | flags.no_drag_drop)
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("The colour that is replaced")
+            imgui.set_tooltip(translate("The colour that is replaced"))
         imgui.same_line()
         imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if colors.picks_reference else TEXT))
         if imgui.button(get_icon("ICON_FA_EYE_DROPPER")):
@@ -109,16 +112,18 @@ class RecolorSection:
         imgui.pop_style_color()
         ui.mark("inspector.reference")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Click, then click into the view: that colour is replaced")
+            imgui.set_tooltip(translate("Click, then click into the view: that colour is replaced"))
         if colors.reference is not None:
             imgui.same_line()
             if imgui.button(get_icon("ICON_FA_ARROW_ROTATE_LEFT")):
                 colors.set_reference(ids, None)
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-                imgui.set_tooltip("Replace the colour of the body")
+                imgui.set_tooltip(translate("Replace the colour of the body"))
         imgui.same_line()
         imgui.set_next_item_width(-1)
-        changed, percent = draw_bounded_slider("##tolerance", 100 * colors.tolerance, 0, 100, "Tolerance %.0f %%")
+        changed, percent = draw_bounded_slider(
+            "##tolerance", 100 * colors.tolerance, 0, 100, translate("Tolerance %.0f %%")
+        )
         gesture = self._reach.name_drag()
         ui.mark("inspector.tolerance")
         if changed:
@@ -139,7 +144,7 @@ class RecolorSection:
             imgui.open_popup("##picker")
         if not imgui.begin_popup("##picker"):
             return
-        draw_dim_text(f"{MODES[colors.find_mode(ids)]} the selection")
+        draw_dim_text(translate("{mode}: the selection", mode=phrase(MODES[colors.find_mode(ids)])))
         draw_preset_row(ui, "picker", ids)
         pressed, flags = imgui.is_mouse_clicked(0), imgui.ColorEditFlags_
         style = flags.no_alpha | flags.no_side_preview | flags.picker_hue_wheel | flags.display_hex

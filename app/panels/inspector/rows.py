@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.ui import draw_dim_text, fit_text
 
 LABEL_WIDTH = 5.2
@@ -18,11 +19,11 @@ def draw_widget_label(name: str) -> None:
 
 def draw_fact_label(name: str) -> None:
     """Draw the label of the text that comes next."""
-    draw_dim_text(name)
+    draw_dim_text(translate(name))
     imgui.same_line(imgui.get_font_size() * LABEL_WIDTH)
 
 
 def draw_fact(name: str, value: str) -> None:
-    """Draw a label and a value; a value that is too long is cut."""
+    """Draw a label and a value, both translated where they are texts; a value that is too long is cut."""
     draw_fact_label(name)
-    imgui.text(fit_text(value, imgui.get_content_region_avail().x))
+    imgui.text(fit_text(translate(value), imgui.get_content_region_avail().x))

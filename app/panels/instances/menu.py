@@ -8,6 +8,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import format_shortcut
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.inspector.recolor import draw_preset_row
 from instdrive_app.panels.widgets.ui import (
     Ui,
@@ -20,6 +21,7 @@ from instdrive_app.panels.widgets.ui import (
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import AskClass, AskName, AskSplit
 from instdrive_core.edits.document.document import Document
+from instdrive_core.wording import format_count, phrase
 
 Ids = tuple[int, ...]
 
@@ -36,7 +38,8 @@ def draw_instance_menu(ui: Ui, instance_id: int) -> None:
     instance = document.scene.table[instance_id]
     draw_swatch(ui, instance)
     imgui.same_line()
-    imgui.text(fit_text(instance.name, scale_pixels(WIDEST)) if len(ids) == 1 else f"{len(ids)} instances")
+    many = translate(format_count(len(ids), "instance"))
+    imgui.text(fit_text(instance.name, scale_pixels(WIDEST)) if len(ids) == 1 else many)
     imgui.separator()
     locked = _is_locked(document, ids)
     _draw_visibility(ui, document, ids, locked)
@@ -93,7 +96,7 @@ def _draw_names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
     session = ui.session
     if len(ids) == 1:
         _draw_item(ui, "rename", "edit.rename", "Rename…", lambda: session.requests.put(AskName(instance_id)))
-    opened = begin_icon_submenu("ICON_FA_TAG", "Set class")
+    opened = begin_icon_submenu("ICON_FA_TAG", make_label("Set class"))
     ui.mark("menu.classes")
     if opened:
         for name in session.labels.list_classes():
@@ -102,7 +105,7 @@ def _draw_names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
                 session.labels.set_class(ids, name)
             ui.mark(f"menu.class.{name}")
         imgui.separator()
-        if imgui.menu_item("Other…", "", False)[0]:
+        if imgui.menu_item(make_label("Other…"), "", False)[0]:
             session.requests.put(AskClass(ids))
         ui.mark("menu.class")
         imgui.end_menu()
@@ -110,27 +113,24 @@ def _draw_names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
 
 def _draw_kinds(ui: Ui, document: Document, instance_id: int) -> None:
     session, instance = ui.session, document.scene.table[instance_id]
-    what = (
-        f"class {fit_text(instance.class_name, scale_pixels(WIDEST / 2))}"
-        if instance.class_name
-        else "instances without a class"
-    )
+    name = fit_text(instance.class_name, scale_pixels(WIDEST / 2))
+    title = phrase("Select class {name}", name=name) if name else phrase("Select instances without a class")
     _draw_item(
         ui,
         "select_class",
         "select.class",
-        f"Select {what}",
+        title,
         lambda: session.selection.select_class(instance.class_name),
     )
     if document.scene.code_bits:
-        title = f"Select codeword {instance.codeword}"
+        title = phrase("Select codeword {codeword}", codeword=instance.codeword)
         _draw_item(ui, "codeword", "select.codeword", title, lambda: session.selection.select_codeword(instance_id))
 
 
 def _draw_repairs(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
     session = ui.session
     if len(ids) > 1:
-        title = f"Merge {len(ids)} instances into this"
+        title = phrase("Merge {count} instances into this", count=len(ids))
         _draw_item(ui, "merge", "labels.merge", title, lambda: session.labels.merge(ids, instance_id))
     else:
         _draw_item(
@@ -148,6 +148,6 @@ def _draw_item(
     """Draw an item that runs `action` on the menu's instances, with the icon and shortcut of a registered action."""
     command = ui.session.actions[command_id]
     shortcut = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
-    if draw_icon_menu_item(command.icon, title, shortcut, enabled=enabled):
+    if draw_icon_menu_item(command.icon, make_label(title, name), shortcut, enabled=enabled):
         action()
     ui.mark(f"menu.{name}")

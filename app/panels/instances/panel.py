@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.instances.list_walk import Step, Walk
 from instdrive_app.panels.instances.row import BIT_SIZE, COLUMNS, Row, RowPainter
 from instdrive_app.panels.instances.rows import InstanceRows, Query
@@ -15,7 +16,7 @@ from instdrive_app.panels.widgets.ui import Ui, get_icon, scale_pixels, scale_si
 from instdrive_app.preferences.themes import ACCENT, DIM
 from instdrive_app.session.requests import AskName
 from instdrive_core.edits.document.document import Document
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 WALKING: dict[imgui.Key, Step] = {
     imgui.Key.up_arrow: "up",
@@ -48,7 +49,7 @@ class InstancesPanel:
         document = ui.session.document
         if document is None:
             imgui.push_text_wrap_pos(0)
-            imgui.text_disabled("Instances of the open scene appear here.")
+            imgui.text_disabled(translate("Instances of the open scene appear here."))
             imgui.pop_text_wrap_pos()
             return
         if self._query.class_name is not None and self._query.class_name not in dict(self._rows.classes):
@@ -69,7 +70,7 @@ class InstancesPanel:
         code_button = document.scene.code_bits > 0
         room = imgui.get_frame_height() + imgui.get_style().item_inner_spacing.x if code_button else 0
         imgui.set_next_item_width(-room or -1)
-        hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  Name, class or number"
+        hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  {translate('Name, class or number')}"
         _, search = imgui.input_text_with_hint("##search", hint, self._query.search)
         ui.mark("instances.search")
         self._types_search = imgui.is_item_active()
@@ -82,7 +83,7 @@ class InstancesPanel:
             self._flips_codes = True
         imgui.pop_style_color()
         ui.mark("instances.codes")
-        imgui.set_item_tooltip("Show the codeword of each instance, bit by bit")
+        imgui.set_item_tooltip(translate("Show the codeword of each instance, bit by bit"))
 
     def _draw_class_chips(self, ui: Ui) -> None:
         """Draw one button per class, as many as fit into a line; a click lists only that class, a second one all."""
@@ -100,7 +101,7 @@ class InstancesPanel:
         order = sorted(self._rows.classes, key=lambda item: item[0] != chosen)
         left: list[tuple[str, int]] = []
         for number, (name, count) in enumerate(order):
-            text = f"{name or UNKNOWN} {count}"
+            text = f"{name or translate(UNKNOWN)} {count}"
             last = number == len(order) - 1
             x = imgui.get_cursor_screen_pos().x if number == 0 else imgui.get_item_rect_max().x + scale_pixels(4)
             if number and x + imgui.calc_text_size(text).x + scale_pixels(14) + (0 if last else more) > end:
@@ -118,13 +119,14 @@ class InstancesPanel:
     def _draw_chip(self, ui: Ui, name: str, text: str, on: bool) -> None:
         if on:
             push_accent_fill()
-        if imgui.button(f"{text}##class {name}"):
+        if imgui.button(f"{text}###class {name}"):
             self._query = replace(self._query, class_name=None if on else name)
         if on:
             pop_accent_fill()
         ui.mark(f"instances.class.{name or UNKNOWN}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("List all classes again" if on else f"List only {name or 'instances without a class'}")
+            only = phrase("List only {name}", name=name) if name else phrase("List only instances without a class")
+            imgui.set_tooltip(translate("List all classes again") if on else translate(only))
 
     def _draw_other_chips(self, ui: Ui, classes: list[tuple[str, int]]) -> None:
         if imgui.button("…##classes"):
@@ -132,7 +134,7 @@ class InstancesPanel:
         ui.mark("instances.classes")
         if imgui.begin_popup("##classes"):
             for name, count in classes:
-                if imgui.selectable(f"{name or UNKNOWN}  {count}##{name}", False)[0]:
+                if imgui.selectable(f"{name or translate(UNKNOWN)}  {count}###{name}", False)[0]:
                     self._query = replace(self._query, class_name=name)
                 ui.mark(f"instances.class.{name or UNKNOWN}")
             imgui.end_popup()
@@ -143,7 +145,7 @@ class InstancesPanel:
         if shown < self._rows.total:
             self._draw_notice(
                 ui,
-                f"{shown:,} of {self._rows.total:,}",
+                phrase("{shown:,} of {total:,}", shown=shown, total=self._rows.total),
                 "Select",
                 "instances.select_shown",
                 shown > 0,
@@ -151,18 +153,22 @@ class InstancesPanel:
             )
         if solo:
             left = len(document.find_visible_instances())
-            what = f"Only {format_count(left, 'instance')} shown" if left else "Everything is hidden"
+            what = (
+                phrase("Only {instances} shown", instances=format_count(left, "instance"))
+                if left
+                else "Everything is hidden"
+            )
             self._draw_notice(
                 ui, what, "Show all", "instances.leave_solo", True, lambda ui: ui.session.visibility.solo.leave()
             )
 
     def _draw_notice(self, ui: Ui, text: str, button: str, mark: str, enabled: bool, action) -> None:
         imgui.align_text_to_frame_padding()
-        imgui.text_colored(rgba(ACCENT if mark == "instances.leave_solo" else DIM), text)
-        width = imgui.calc_text_size(button).x + 2 * imgui.get_style().frame_padding.x
+        imgui.text_colored(rgba(ACCENT if mark == "instances.leave_solo" else DIM), translate(text))
+        width = imgui.calc_text_size(translate(button)).x + 2 * imgui.get_style().frame_padding.x
         imgui.same_line(imgui.get_cursor_start_pos().x + imgui.get_content_region_avail().x - width)
         imgui.begin_disabled(not enabled)
-        if imgui.button(f"{button}##{mark}"):
+        if imgui.button(make_label(button, mark)):
             action(ui)
         imgui.end_disabled()
         ui.mark(mark)
@@ -224,7 +230,10 @@ class InstancesPanel:
             width = code_width if column.name == "Code" else column.width * em
             flags = stretch if column.stretches else fixed
             imgui.table_setup_column(
-                column.header, flags | column.flags, column.width if column.stretches else width, number
+                make_label(column.header, column.name),
+                flags | column.flags,
+                column.width if column.stretches else width,
+                number,
             )
         imgui.table_setup_scroll_freeze(0, 1)
         names = [column.name for column in COLUMNS]
@@ -270,7 +279,7 @@ class InstancesPanel:
         if not self._rows.instances:
             imgui.table_next_row()
             imgui.table_set_column_index([column.name for column in COLUMNS].index("Name"))
-            imgui.text_disabled("No instances" if not self._rows.total else "No matches")
+            imgui.text_disabled(translate("No instances" if not self._rows.total else "No matches"))
 
     def _find_newly_selected(self, selected: tuple[int, ...]) -> int | None:
         """Find the row to scroll to: the first one selected elsewhere since the last frame."""
@@ -290,7 +299,7 @@ class InstancesPanel:
             return
         self._walk = Walk(instance, instance)
         if row.summary.is_locked:
-            session.messages.info(f"{row.instance.name} is locked. Unlock it to select it")
+            session.messages.info(phrase("{name} is locked. Unlock it to select it", name=row.instance.name))
         elif io.key_ctrl:
             session.selection.select((instance,), "remove" if row.selected else "add")
         else:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.instances.menu import draw_instance_menu
 from instdrive_app.panels.widgets.codeword import draw_bit_squares
 from instdrive_app.panels.widgets.theme import pack_color, rgba
@@ -97,7 +98,7 @@ class RowPainter:
         if imgui.table_set_column_index(_PLACE["Class"]):
             self._draw_text(instance.class_name, color)
         if imgui.table_set_column_index(_PLACE["Splats"]):
-            text = f"{row.summary.count - row.summary.deleted:,}"
+            text = translate("{count:,}", count=row.summary.count - row.summary.deleted)
             free = imgui.get_content_region_avail().x - imgui.calc_text_size(text).x
             imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(free, 0))
             imgui.text_colored(color, text)
@@ -190,7 +191,7 @@ class RowPainter:
             imgui.pop_style_color()
             ui.mark(f"instances.{instance.id}.{_MARKS[column]}")
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-                imgui.set_tooltip(hint)
+                imgui.set_tooltip(translate(hint))
         imgui.pop_style_var()
         imgui.pop_style_color()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.overlays.ground_grid import choose_grid_spacing
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
@@ -23,11 +24,13 @@ class CameraTag:
         state, document = ui.session.state, ui.session.document
         if document is None:
             return
-        name = "Free camera"
+        name = translate("Free camera")
         if state.dataset_view is not None:
             view = document.scene.views[state.dataset_view]
             name = f"{view.name.replace('_', ' ')}  ·  {view.index}"
-        grid = f"  ·  grid {choose_grid_spacing(state.viewpoint):g} m" if state.show_grid else ""
+        grid = ""
+        if state.show_grid:
+            grid = f"  ·  {translate('grid {spacing:g} m', spacing=choose_grid_spacing(state.viewpoint))}"
         text = f"{get_icon('ICON_FA_VIDEO')}  {name}{grid}"
         size = imgui.calc_text_size(text)
         padding, gap = scale_pixels(10), scale_pixels(5)

@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.action import Action
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.overlays.hole_pattern import HolePattern, build_hole_pattern, project_shapes
 from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
@@ -19,7 +20,7 @@ from instdrive_app.state import ViewMode
 from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 MAX_DOTS = 1500
 """Dots drawn at most; more residue is thinned out."""
@@ -105,7 +106,9 @@ def _draw_dots(places: Float64[ndarray, "r 3"], camera: Camera, place: Rectangle
 def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle) -> None:
     lines = _compose_lines(ui, found)
     others = len(ui.session.deletion.review.pending) - 1
-    title = f"{found.title}  (and {others} more)" if others else found.title
+    title = (
+        translate("{title}  (and {count} more)", title=found.title, count=others) if others else translate(found.title)
+    )
     row, padding = imgui.get_frame_height() + scale_pixels(LINE_GAP), scale_pixels(PADDING)
     words = max(imgui.calc_text_size(text).x for text in (title, *(line.text for line in lines)))
     buttons = max(imgui.calc_text_size(line.button).x for line in lines) + 2 * imgui.get_style().frame_padding.x
@@ -125,7 +128,7 @@ def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle) -> None:
         _draw_text(low.x + padding, top, line.text, DIM)
         imgui.set_cursor_screen_pos(ImVec2(high.x - padding - buttons, top))
         imgui.begin_disabled(not line.command.enabled())
-        if imgui.button(f"{line.button}##{line.command.id}", ImVec2(buttons, 0)):
+        if imgui.button(f"{line.button}###{line.command.id}", ImVec2(buttons, 0)):
             ui.session.actions.run(line.command.id)
         imgui.end_disabled()
         ui.mark(line.command.id)
@@ -134,17 +137,30 @@ def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle) -> None:
 def _compose_lines(ui: Ui, found: DeletionFindings) -> list[_Line]:
     commands, lines = ui.session.actions, []
     if found.residue_count:
-        text = f"{format_count(found.residue_count, 'splat')} of residue"
-        lines.append(_Line(text, f"{get_icon('ICON_FA_BROOM')}  Absorb floaters", commands["deletion.absorb"]))
+        text = phrase("{splats} of residue", splats=format_count(found.residue_count, "splat"))
+        lines.append(
+            _Line(
+                translate(text),
+                f"{get_icon('ICON_FA_BROOM')}  {translate('Absorb floaters')}",
+                commands["deletion.absorb"],
+            )
+        )
     if found.hole is not None:
-        words = "Filling…" if ui.session.deletion.review.is_filling else "Fill hole"
-        text = f"Hole of {found.report.fill_area:.1f} m²"
-        if found.hole.shadow_area:
-            text += f", {found.hole.shadow_area:.1f} m² of it in the shadow"
-        lines.append(_Line(text, f"{get_icon('ICON_FA_FILL_DRIP')}  {words}", commands["deletion.fill"]))
+        words = translate("Filling…" if ui.session.deletion.review.is_filling else "Fill hole")
+        area, dark = found.report.fill_area, found.hole.shadow_area
+        text = phrase("Hole of {area:.1f} m²", area=area)
+        if dark:
+            text = phrase("Hole of {area:.1f} m², {dark:.1f} m² of it in the shadow", area=area, dark=dark)
+        lines.append(_Line(translate(text), f"{get_icon('ICON_FA_FILL_DRIP')}  {words}", commands["deletion.fill"]))
     if sum(each.hole is not None for each in ui.session.deletion.review.pending) > 1:
         icon = get_icon("ICON_FA_FILL_DRIP")
-        lines.append(_Line("Holes of earlier steps, too", f"{icon}  Fill all holes", commands["deletion.fill_all"]))
+        lines.append(
+            _Line(
+                translate("Holes of earlier steps, too"),
+                f"{icon}  {translate('Fill all holes')}",
+                commands["deletion.fill_all"],
+            )
+        )
     return lines
 
 
@@ -171,4 +187,4 @@ def _draw_close_button(ui: Ui, right: float, top: float) -> None:
     imgui.pop_style_color()
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-        imgui.set_tooltip("Close this report")
+        imgui.set_tooltip(translate("Close this report"))

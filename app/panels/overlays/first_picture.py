@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.preferences.themes import PICTURE_TEXT, Color
@@ -37,6 +38,7 @@ class FirstPictureNotice:
 
 
 def _draw_centered(text: str, place: Rectangle, top: float, color: Color) -> None:
+    text = translate(text)
     width = imgui.calc_text_size(text, wrap_width=place.width - scale_pixels(20)).x
     draw = imgui.get_window_draw_list()
     at = ImVec2(place.x + (place.width - width) / 2, top)

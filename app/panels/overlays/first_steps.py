@@ -5,10 +5,12 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import format_shortcut
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
 from instdrive_app.preferences.key_presets import PRESETS
 from instdrive_app.preferences.themes import ACCENT, BACKGROUND
+from instdrive_core.wording import phrase
 
 WIDEST, BOTTOM = 470.0, 56.0
 """Width of the box and its distance from the picture's lower edge, in pixels at scale 1."""
@@ -35,9 +37,9 @@ class FirstSteps:
         for icon, text in list_first_steps(ui):
             imgui.text_colored(rgba(ACCENT), get_icon(icon))
             imgui.same_line(scale_pixels(36))
-            imgui.text_wrapped(text)
+            imgui.text_wrapped(translate(text))
         push_accent_fill()
-        if imgui.button("Got it"):
+        if imgui.button(make_label("Got it")):
             ui.session.state.shows_first_steps = False
             ui.session.preferences.change(knows_first_steps=True)
         pop_accent_fill()
@@ -53,17 +55,28 @@ def list_first_steps(ui: Ui) -> tuple[tuple[str, str], ...]:
 
     def name_key(action_id: str) -> str:
         shortcuts = ui.session.actions[action_id].shortcuts
-        return format_shortcut(shortcuts[0]) if shortcuts else f"“{ui.session.actions[action_id].title}”"
+        return format_shortcut(shortcuts[0]) if shortcuts else f"“{translate(ui.session.actions[action_id].title)}”"
 
     flies = PRESETS[ui.session.preferences.current.preset].flies_always
-    fly = "W A S D fly" if flies else "W A S D fly while the right button is held"
+    always = phrase("Drag turns the view, the wheel comes closer, W A S D fly.")
+    held = phrase("Drag turns the view, the wheel comes closer, W A S D fly while the right button is held.")
     return (
         ("ICON_FA_ARROW_POINTER", "Point at a thing to see its outline; click to select all of it."),
-        ("ICON_FA_TRASH", f"{name_key('edit.delete')} deletes it, then offers to fill the ground that it hid."),
-        ("ICON_FA_CAMERA", f"Drag turns the view, the wheel comes closer, {fly}."),
-        ("ICON_FA_ROTATE_LEFT", f"{name_key('edit.undo')} undoes every edit; nothing trained is ever lost."),
+        (
+            "ICON_FA_TRASH",
+            phrase("{key} deletes it, then offers to fill the ground that it hid.", key=name_key("edit.delete")),
+        ),
+        ("ICON_FA_CAMERA", always if flies else held),
+        (
+            "ICON_FA_ROTATE_LEFT",
+            phrase("{key} undoes every edit; nothing trained is ever lost.", key=name_key("edit.undo")),
+        ),
         (
             "ICON_FA_MAGNIFYING_GLASS",
-            f"{name_key('help.palette')} finds any command, {name_key('help.shortcuts')} lists all keys.",
+            phrase(
+                "{find} finds any command, {keys} lists all keys.",
+                find=name_key("help.palette"),
+                keys=name_key("help.shortcuts"),
+            ),
         ),
     )

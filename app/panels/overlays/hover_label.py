@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_swatch, fit_text, scale_pixels
 from instdrive_app.preferences.themes import BACKGROUND, DIM
@@ -29,7 +30,7 @@ class HoverLabel:
         instance = document.scene.table[ui.session.state.hovered]
         facts = [instance.class_name] if instance.class_name else []
         facts.append(f"#{instance.id}")
-        facts.append(format_count(document.summarize_instance(instance.id).drawn, "splat"))
+        facts.append(translate(format_count(document.summarize_instance(instance.id).drawn, "splat")))
         widest = min(scale_pixels(WIDEST), place.width - scale_pixels(60))
         text = fit_text("  ·  ".join(facts), widest)
         name = fit_text(instance.name, widest / BOLD)

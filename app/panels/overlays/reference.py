@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.preferences.themes import BACKGROUND, DIM, PICTURE_ACCENT, PICTURE_SHADE, TEXT
@@ -46,13 +47,13 @@ def draw_reference_beside(ui: Ui, place: Rectangle) -> None:
     draw.add_rect_filled(ImVec2(place.x, place.y), corner, pack_color(BACKGROUND))
     texture = _find_texture(ui)
     if texture is None:
-        text = _explain_missing(ui) or "Reading…"
+        text = _explain_missing(ui) or translate("Reading…")
         size = imgui.calc_text_size(text)
         middle = ImVec2(place.x + (place.width - size.x) / 2, place.y + place.height / 2)
         draw.add_text(middle, pack_color(DIM), text)
         return
     _draw_image(ui, place, texture, 1.0)
-    _draw_plate(place.x + scale_pixels(10), place.y + scale_pixels(10), ui.session.state.reference.value)
+    _draw_plate(place.x + scale_pixels(10), place.y + scale_pixels(10), translate(ui.session.state.reference.value))
     ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
     if ui.pointer is not None:
         x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
@@ -86,7 +87,8 @@ def _explain_missing(ui: Ui) -> str:
     document, state = ui.session.document, ui.session.state
     if document is None or state.dataset_view is None:
         return ""
-    return ui.session.references.explain_missing(document.scene.views[state.dataset_view], state.reference)
+    view = document.scene.views[state.dataset_view]
+    return translate(ui.session.references.explain_missing(view, state.reference))
 
 
 def _draw_plate(left: float, top: float, text: str) -> None:

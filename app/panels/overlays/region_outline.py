@@ -7,16 +7,23 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Point, choose_selection_mode
 from instdrive_app.preferences.themes import PICTURE_SHADE, PICTURE_TEXT
+from instdrive_core.wording import phrase
 
 DASH = 5.0
 """Length of a dash, and of the gap after it, in pixels."""
 PACE = 24.0
 """Speed of the marching dashes, in pixels per second."""
-MODE_WORDS = {"replace": "", "add": "add", "remove": "remove", "intersect": "keep only what is inside"}
+MODE_WORDS = {
+    "replace": "",
+    "add": phrase("add"),
+    "remove": phrase("remove"),
+    "intersect": phrase("keep only what is inside"),
+}
 
 
 class RegionOutline:
@@ -55,7 +62,7 @@ def compute_dashes(outline: tuple[Point, ...], shift: float) -> Float64[ndarray,
 
 def _draw_mode() -> None:
     io = imgui.get_io()
-    word = MODE_WORDS[choose_selection_mode(io.key_shift, io.key_ctrl)]
+    word = translate(MODE_WORDS[choose_selection_mode(io.key_shift, io.key_ctrl)])
     if not word:
         return
     size, draw = imgui.calc_text_size(word), imgui.get_foreground_draw_list()

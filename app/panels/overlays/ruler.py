@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.overlays.world_pen import WorldPen
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
@@ -49,7 +50,7 @@ class RulerOverlay:
         middle = pen.project((ruler.points[0] + ruler.points[1]) / 2)
         if middle is None:
             return
-        text, pad = ruler.describe(), scale_pixels(6)
+        text, pad = translate(ruler.describe()), scale_pixels(6)
         size = imgui.calc_text_size(text)
         left = min(max(middle[0] - size.x / 2, place.x + pad), place.x + place.width - size.x - 2 * pad)
         top = min(max(middle[1] - 2.2 * size.y, place.y + pad), place.y + place.height - size.y - 2 * pad)

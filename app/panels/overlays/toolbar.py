@@ -8,6 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import explain_disabled, run_or_explain
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import pack_color, pop_accent_fill, push_accent_fill, push_plate_fill
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
 from instdrive_app.preferences.themes import BACKGROUND, DIM, TEXT
@@ -109,5 +110,5 @@ def _draw_tool_button(ui: Ui, command: Action, corner: ImVec2, side: float) -> N
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         keys = f"  ({format_shortcut(command.shortcuts[0])})" if command.shortcuts else ""
-        reason = "" if enabled else f"\n{explain_disabled(ui.session, command)}"
-        imgui.set_tooltip(f"{command.title}{keys}{reason}")
+        reason = "" if enabled else f"\n{translate(explain_disabled(ui.session, command))}"
+        imgui.set_tooltip(f"{translate(command.title)}{keys}{reason}")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.preferences.themes import BACKGROUND
 from instdrive_app.session.turn_controller import TurnOffer
+from instdrive_core.wording import phrase
 
 TOP = 48.0
 """Distance from the picture's top, below the view modes; pixels at scale 1."""
@@ -30,7 +32,7 @@ class UprightBar:
         imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.95))
         imgui.begin("##upright bar", None, still | flags.no_focus_on_appearing | flags.no_nav | flags.no_move)
         imgui.align_text_to_frame_padding()
-        imgui.text(describe_offer(offer))
+        imgui.text(translate(describe_offer(offer)))
         imgui.same_line()
         imgui.begin_disabled(ui.session.jobs.is_blocking)
         for name, title, run in (
@@ -41,7 +43,7 @@ class UprightBar:
             if name == "turn" and offer.is_answered:
                 continue
             imgui.same_line()
-            if imgui.button(title):
+            if imgui.button(make_label(title)):
                 run()
             ui.mark(f"upright.{name}")
         imgui.end_disabled()
@@ -54,9 +56,9 @@ def describe_offer(offer: TurnOffer) -> str:
     if offer.is_answered:
         return "Is it upright now?"
     if offer.ids and offer.estimate.confident:
-        return f"What was inserted seems to lie on its side: {offer.estimate.words} is up"
+        return phrase("What was inserted seems to lie on its side: {words} is up", words=offer.estimate.words)
     if offer.ids:
         return "Nothing says which way is up in what was inserted"
     if offer.estimate.confident:
-        return f"This scene seems to lie on its side: {offer.estimate.words} is up"
+        return phrase("This scene seems to lie on its side: {words} is up", words=offer.estimate.words)
     return "Nothing says which way is up in this scene"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.action import format_shortcut
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import pop_accent_fill, push_accent_fill, push_plate_fill
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels, scale_size
 from instdrive_app.state import ViewMode
@@ -29,12 +31,12 @@ class ViewSwitch:
             command = ui.session.actions[f"view.{mode.name.lower()}"]
             on = ui.session.state.view_mode is mode
             push_accent_fill() if on else push_plate_fill(0.78)
-            word = f"##{command.id}" if is_cramped or (narrow and not on) else f"  {mode.value}"
-            if imgui.button(f"{get_icon(command.icon)}{word}"):
+            word = "" if is_cramped or (narrow and not on) else f"  {translate(mode.value)}"
+            if imgui.button(f"{get_icon(command.icon)}{word}###{command.id}"):
                 command.run()
             pop_accent_fill()
             ui.mark(command.id)
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-                imgui.set_tooltip(f"{mode.value}  ({command.shortcuts[0]})")
+                imgui.set_tooltip(f"{translate(mode.value)}  ({format_shortcut(command.shortcuts[0])})")
             imgui.same_line()
         imgui.pop_style_var()

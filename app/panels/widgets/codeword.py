@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import pack_color, rgba
 from instdrive_app.preferences.themes import ACCENT, DIM, HOVER
 
@@ -20,7 +21,7 @@ def draw_bit_squares(codeword: int, bits: int, size: float, gap: float) -> None:
     imgui.dummy(ImVec2(min(bits, per_row) * pitch - gap, (1 + (bits - 1) // per_row) * pitch - gap))
     if imgui.is_item_hovered():
         imgui.begin_tooltip()
-        imgui.text(f"Codeword {codeword}")
+        imgui.text(translate("Codeword {codeword}", codeword=codeword))
         imgui.text("".join(str(codeword >> bit & 1) for bit in range(bits)))
         imgui.text_colored(rgba(DIM), "bit 0 first")
         imgui.end_tooltip()

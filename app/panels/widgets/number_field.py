@@ -7,8 +7,10 @@ from typing import NamedTuple
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.gestures import Gesture
 from instdrive_app.panels.widgets.ui import Ui
+from instdrive_core.wording import phrase
 
 
 class EnteredNumber(NamedTuple):
@@ -42,7 +44,7 @@ class NumberField:
         gesture = self._gesture.name_drag()
         ui.mark(f"inspector.{self._name}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip) and not imgui.is_item_active():
-            imgui.set_tooltip(f"{self._hint}. Drag, or double click to type")
+            imgui.set_tooltip(translate("{hint}. Drag, or double click to type", hint=phrase(self._hint)))
         if changed and isfinite(shown):  # "nan" is read as one
             self._shown = min(max(shown, self._low), self._high)
         self.in_use = imgui.is_item_active()

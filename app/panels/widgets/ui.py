@@ -11,6 +11,8 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import run_or_explain
+from instdrive_app.jobs import Job
+from instdrive_app.language.translation import translate
 from instdrive_app.panels.widgets.theme import FONT_SIZE, Fonts, pack_color, rgba
 from instdrive_app.pointer import Tool
 from instdrive_app.preferences.instance_colors import paint_safe_colors
@@ -19,6 +21,7 @@ from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.instances.table import Instance
+from instdrive_core.wording import phrase
 
 CUT_SLACK = 8.0
 """Pixels at scale 1 of a widget that may be hidden: rows reach into the gaps beside them."""
@@ -95,6 +98,16 @@ def get_icon(name: str) -> str:
     return getattr(icons_fontawesome_6, name)
 
 
+def make_icon_label(symbol: str, text: str, key: str = "", gap: str = "  ") -> str:
+    """Write a label of an icon and a text in the language of the window, whose ID is the same in all of them."""
+    return f"{get_icon(symbol)}{gap}{translate(text)}###{key or text}"
+
+
+def name_work(job: Job) -> str:
+    """Say what a job is doing, in the language of the window."""
+    return translate("Stopping…") if job.stop.is_set() else translate("{work}…", work=phrase(job.title))
+
+
 def get_swatch_color(ui: Ui, instance: Instance) -> ImVec4:
     """Look up an instance's colour in the ID view."""
     number = np.array(instance.id, np.uint32)
@@ -131,7 +144,7 @@ def draw_action_button(ui: Ui, command: Action, size: ImVec2 | None = None) -> N
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
         shortcut = f"  ({format_shortcut(command.shortcuts[0])})" if command.shortcuts else ""
-        imgui.set_tooltip(f"{command.title}{shortcut}")
+        imgui.set_tooltip(f"{translate(command.title)}{shortcut}")
 
 
 def begin_icon_submenu(symbol: str, title: str, enabled: bool = True) -> bool:

@@ -23,7 +23,7 @@ from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.region import find_ids_with_share
 from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 SHARE = 0.25
 """Side of a box that is placed on no object, relative to its distance from the camera …"""
@@ -134,7 +134,9 @@ class BoxController:
             inside, shown = self._find_inside(document)
             outside = np.flatnonzero(shown & ~inside)
             self._context.apply(lambda: SelectRows(outside))
-            self._context.messages.info(f"{format_count(len(outside), 'splat')} outside the box selected")
+            self._context.messages.info(
+                phrase("{splats} outside the box selected", splats=format_count(len(outside), "splat"))
+            )
 
     def delete_outside(self) -> None:
         """Delete what is outside, also what is hidden there because the box crops; locked splats are spared."""
@@ -150,11 +152,14 @@ class BoxController:
             self._context.messages.info("Nothing that can be deleted is outside the box")
             return
         back = np.setdiff1d(self._find_cropped(), deleted, assume_unique=True)
-        title = f"Delete {format_count(len(deleted), 'splat')} outside the box"
+        title = phrase("Delete {splats} outside the box", splats=format_count(len(deleted), "splat"))
         parts: tuple[Edit, ...] = (DeleteRows(deleted), *((HideRows(back, hidden=False),) if len(back) else ()))
         if self._context.apply(lambda: CompoundEdit(parts, title)):
-            note = f"; {format_count(len(spared), 'locked splat')} spared" if len(spared) else ""
-            self._context.messages.info(f"{format_count(len(deleted), 'splat')} outside the box deleted{note}")
+            gone, kept = format_count(len(deleted), "splat"), format_count(len(spared), "locked splat")
+            told = phrase("{splats} outside the box deleted", splats=gone)
+            if len(spared):
+                told = phrase("{splats} outside the box deleted; {kept} spared", splats=gone, kept=kept)
+            self._context.messages.info(told)
             self._context.state.hovered = 0
 
     def toggle_crop(self) -> None:
@@ -227,8 +232,12 @@ class BoxController:
 
     def _tell(self, found: int, what: str) -> None:
         if found:
-            self._context.messages.info(f"{format_count(found, what)} inside the box")
+            self._context.messages.info(phrase("{found} inside the box", found=_count_found(found, what)))
         elif what == "instance":
             self._context.messages.info("No instance lies mostly inside the box; try single splats")
         else:
             self._context.messages.info("No splat that is shown lies inside the box")
+
+
+def _count_found(count: int, what: str) -> str:
+    return format_count(count, "instance") if what == "instance" else format_count(count, "splat")

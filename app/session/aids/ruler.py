@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from instdrive_core.wording import phrase
+
 
 @dataclass
 class Ruler:
@@ -30,4 +32,9 @@ class Ruler:
             return ""
         shift = self.points[1] - self.points[0]
         level = float(np.hypot(shift[0], shift[1]))
-        return f"{np.linalg.norm(shift):.2f} m   (level {level:.2f} m, height {shift[2]:+.2f} m)"
+        return phrase(
+            "{length:.2f} m   (level {level:.2f} m, height {height:+.2f} m)",
+            length=float(np.linalg.norm(shift)),
+            level=level,
+            height=float(shift[2]),
+        )

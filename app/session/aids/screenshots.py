@@ -20,6 +20,7 @@ from instdrive_core.masks.export.id_pictures import save_png
 from instdrive_core.progress import report_span
 from instdrive_core.rasterize.pictures import Look, draw_picture
 from instdrive_core.scene.camera import Camera
+from instdrive_core.wording import phrase
 
 _BAKING = 0.3
 """Share of the work until the scene's edits are applied."""
@@ -47,7 +48,14 @@ class Screenshots:
 
         def finish(_: None) -> None:
             self._writing.discard(path)
-            messages.info(f"Saved a picture of {camera.width} × {camera.height} pixels as {path}")
+            messages.info(
+                phrase(
+                    "Saved a picture of {width} × {height} pixels as {path}",
+                    width=camera.width,
+                    height=camera.height,
+                    path=path,
+                )
+            )
 
         def handle_failure(_: BaseException) -> bool:
             self._writing.discard(path)
@@ -71,8 +79,12 @@ def save_screenshot(
     Raises OptionError where the picture is too large, DataError where it cannot be written.
     """
     if max(camera.width, camera.height) > MAX_SIDE:
-        problem = f"a picture of {camera.width} × {camera.height} pixels is too large"
-        raise OptionError(f"{problem}; at most {MAX_SIDE} are possible. Choose a smaller size")
+        problem = phrase(
+            "a picture of {width} × {height} pixels is too large", width=camera.width, height=camera.height
+        )
+        raise OptionError(
+            phrase("{problem}; at most {most} are possible. Choose a smaller size", problem=problem, most=MAX_SIDE)
+        )
     with report_span(0.0, _BAKING):
         scene = bake_document(document, None, np.flatnonzero(document.state.drawn))
     if not with_sky:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from instdrive_app.messages import read_error
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError
 from instdrive_core.project.recoverable import RecoverableSession, RestoredSession, discard_session
@@ -27,7 +28,7 @@ class Autosave:
         try:
             self._recovery = Recovery.begin(document, path, restored=restored)
         except DataError as error:
-            self._report_error(str(error))
+            self._report_error(read_error(error))
 
     def tick(self) -> None:
         """Record new edits; called once a frame."""
@@ -36,7 +37,7 @@ class Autosave:
         self._recovery.record()
         problem = self._recovery.take_problem()
         if problem is not None:
-            self._report_error(str(problem))
+            self._report_error(read_error(problem))
 
     def note_save(self, path: Path, state: ProjectState) -> None:
         """Note that the document's project was written."""
@@ -49,7 +50,7 @@ class Autosave:
         try:
             discard_session(session)
         except DataError as error:
-            self._report_error(str(error))
+            self._report_error(read_error(error))
 
     def forget(self, session: RecoverableSession) -> None:
         """Ask no more about a session; the next editor offers it again."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_app.files.file_names import find_name_problem
+from instdrive_app.messages import read_error
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.files.autosave import Autosave
 from instdrive_app.session.files.opening import OpenedDocument, open_for_editing, recover_for_editing
@@ -28,6 +29,7 @@ from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.project.recoverable import RecoverableSession, find_pending_sessions
 from instdrive_core.project.save import capture_project_state, is_project, write_project
 from instdrive_core.scene.lint import Defect
+from instdrive_core.wording import phrase
 
 Stamp = tuple[int, int]
 """When a file was written, nanoseconds, and its size in bytes."""
@@ -111,7 +113,7 @@ class DocumentFiles:
         def work() -> OpenedDocument:
             return open_for_editing(path, accept_changed, keep_every)
 
-        self._jobs.submit(f"Opening {path.name}", work, self._show, on_failure=handle_failure)
+        self._jobs.submit(phrase("Opening {name}", name=path.name), work, self._show, on_failure=handle_failure)
 
     def offer_recovery(self) -> None:
         """Look for the work of editors that ended without saving, and offer it; the answer may come frames later."""
@@ -138,7 +140,7 @@ class DocumentFiles:
         def work() -> OpenedDocument:
             return recover_for_editing(session, accept_changed)
 
-        self._jobs.submit(f"Recovering {session.title}", work, show, on_failure=handle_failure)
+        self._jobs.submit(phrase("Recovering {title}", title=session.title), work, show, on_failure=handle_failure)
 
     def save(self, path: Path | None = None, then: Callable[[], None] = do_nothing) -> None:
         """Write the project in the background, to its own file where no path is given; `then` follows a success.
@@ -167,7 +169,7 @@ class DocumentFiles:
             self.path, self._saved, self._saved_more = path, changes, more
             self.autosave.note_save(path, state)
             self.recents.add(path)
-            self._messages.info(f"Saved {path}")
+            self._messages.info(phrase("Saved {path}", path=path))
             then()
 
         def handle_failure(error: BaseException) -> bool:
@@ -176,11 +178,11 @@ class DocumentFiles:
                 self._context.requests.put(AskOtherSave(path, save_over))
             return isinstance(error, _SavedElsewhereError)
 
-        self._jobs.submit(f"Saving {path.name}", work, finish, modal=False, on_failure=handle_failure)
+        self._jobs.submit(phrase("Saving {name}", name=path.name), work, finish, modal=False, on_failure=handle_failure)
 
     def _ask_about_change(self, error: BaseException, open_anyway: Callable[[], None]) -> bool:
         if isinstance(error, SceneChangedError):
-            self._context.requests.put(AskChangedScene(str(error), open_anyway))
+            self._context.requests.put(AskChangedScene(read_error(error), open_anyway))
         return isinstance(error, SceneChangedError)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.errors import format_ordinal
+from instdrive_core.errors import say_ordinal
 from instdrive_core.progress import report, report_span
 from instdrive_core.project.open import open_document, open_project
 from instdrive_core.project.recoverable import RecoverableSession, RestoredSession, restore_session
@@ -17,6 +17,7 @@ from instdrive_core.project.save import is_project
 from instdrive_core.project.sources import get_sources
 from instdrive_core.rasterize.sky_evidence import fill_scene_sky
 from instdrive_core.scene.lint import Defect, find_defects
+from instdrive_core.wording import phrase
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,13 @@ def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int =
         else:
             document, view = open_document(path, keep_every=keep_every)
             if keep_every > 1:
-                every = f"Every {format_ordinal(keep_every)} splat"
-                notes = (f"{every} was opened and made larger: {len(document.scene):,} in all",)
+                notes = (
+                    phrase(
+                        "Every {ordinal} splat was opened and made larger: {count:,} in all",
+                        ordinal=say_ordinal(keep_every),
+                        count=len(document.scene),
+                    ),
+                )
             note = get_sources(document).cameras_note
             notes = (*notes, note) if note else notes
     fill_document_sky(document)

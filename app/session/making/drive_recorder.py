@@ -18,6 +18,7 @@ from instdrive_app.session.making.child import CommandFailedError, clean_complai
 from instdrive_core.progress import report
 from instdrive_core.project.save import SUFFIX, ProjectState, capture_project_state, write_project
 from instdrive_core.recording.folder import LOCK, PLAN
+from instdrive_core.wording import phrase
 
 LAYOUTS = {
     "pandaset": "PandaSet",
@@ -92,10 +93,10 @@ class DriveRecorder:
 
         def finish(said: str) -> None:
             self._files.last_export = folder
-            self._context.messages.info(f"Recorded {said}")
+            self._context.messages.info(phrase("Recorded {said}", said=said))
 
         self._job = self._context.jobs.submit(
-            f"Recording {folder.name}",
+            phrase("Recording {name}", name=folder.name),
             lambda: record_in_process(state, folder, choice.list_arguments()),
             finish,
         )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from instdrive_app.messages import read_error
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_app.session.files.recents import RecentFiles
@@ -30,6 +31,7 @@ from instdrive_core.jobs.job_file import (
     locate_job_file,
     read_job_state,
 )
+from instdrive_core.wording import phrase
 
 PANEL = "Training"
 """Title of the panel that shows the job."""
@@ -90,7 +92,7 @@ class JobController:
             self._keep_look(SourceLook(source, found["title"], facts, found["problem"], True))
 
         def keep_problem(error: BaseException) -> bool:
-            self._keep_look(SourceLook(source, problem=str(error), is_ready=True))
+            self._keep_look(SourceLook(source, problem=read_error(error), is_ready=True))
             return isinstance(error, CommandFailedError)
 
         self._context.jobs.submit_in_background(
@@ -117,7 +119,7 @@ class JobController:
         try:
             ask_job(self.run, wish)
         except DataError as error:
-            self._context.messages.error(str(error))
+            self._context.messages.error(read_error(error))
 
     def follow(self, run: Path) -> None:
         """Show a job that was begun before, whether or not it runs."""
@@ -141,7 +143,7 @@ class JobController:
             self._context.requests.put(OfferJob(run))
             return
         if self.state is not None and self.state.status == "done":
-            self._context.messages.info(f"{run.name} is done")
+            self._context.messages.info(phrase("{name} is done", name=run.name))
         self._context.requests.put(ShowPanel(PANEL))
 
     def leave(self, then: Callable[[], None]) -> None:
@@ -165,10 +167,10 @@ class JobController:
     def open_page(self, page: Path) -> None:
         """Show a page in the browser, and say where it is."""
         if not page.is_file():
-            self._context.messages.error(f"There is no page {page}")
+            self._context.messages.error(phrase("There is no page {page}", page=page))
             return
         if not webbrowser.open(page.resolve().as_uri()):
-            self._context.messages.info(f"No browser was found. The page is {page}")
+            self._context.messages.info(phrase("No browser was found. The page is {page}", page=page))
 
     def tick(self) -> None:
         """Look now and then how the job is doing; called once a frame."""
@@ -183,7 +185,9 @@ class JobController:
         try:
             process = start_command(locate_job_file(run, LOG), *arguments)
         except OSError as error:
-            self._context.messages.error(f"{run}: the job cannot be begun ({error.strerror or error})")
+            self._context.messages.error(
+                phrase("{run}: the job cannot be begun ({error})", run=run, error=error.strerror or error)
+            )
             return
         self.run, self.state, self._process, self._is_alive = run, None, process, True
         self.known.add(run)
@@ -205,10 +209,10 @@ class JobController:
     def _tell_end(self, run: Path) -> None:
         messages, state = self._context.messages, self.state
         if state is not None and state.status == "done":
-            messages.info(f"{run.name} is done")
+            messages.info(phrase("{name} is done", name=run.name))
             self.open_scene()
         elif state is not None and state.status == "stopped":
-            messages.info(f"{run.name} was stopped; it can go on at any time")
+            messages.info(phrase("{name} was stopped; it can go on at any time", name=run.name))
         elif state is not None and state.problem:
             messages.error(f"{run.name}: {state.problem}")
         else:

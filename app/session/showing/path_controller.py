@@ -14,6 +14,7 @@ from instdrive_core.filming.camera_path import CLOSEST, CameraKey, CameraPath
 from instdrive_core.filming.path_file import MOST_KEYS, read_camera_keys, store_camera_keys
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.transforms import Similarity
+from instdrive_core.wording import phrase
 
 GAP = 2.0
 """Seconds from the last key to one that is added after it."""
@@ -60,7 +61,7 @@ class PathController:
     def add(self) -> None:
         """Add the present view as a key: at the playhead, or some time after the last key if it is at a key."""
         if len(self.keys) >= MOST_KEYS:
-            self._context.messages.error(f"The path has {MOST_KEYS} keys already; delete some")
+            self._context.messages.error(phrase("The path has {most} keys already; delete some", most=MOST_KEYS))
             return
         is_free = all(abs(key.at - self.playhead) >= CLOSEST for key in self.keys)
         at = self.playhead if is_free else self.end + GAP

@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.bases.parameters import check_number
 from instdrive_core.errors import EditError
+from instdrive_core.wording import phrase
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])
 """Rec. 709 weights of R, G, B."""
@@ -28,6 +29,15 @@ class Range(NamedTuple):
     """The amount that changes nothing."""
 
 
+NAMES: dict[AdjustKind, str] = {
+    "hue": phrase("hue"),
+    "brightness": phrase("brightness"),
+    "contrast": phrase("contrast"),
+    "saturation": phrase("saturation"),
+    "temperature": phrase("temperature"),
+    "opacity": phrase("opacity"),
+}
+"""How titles of edits name what is adjusted."""
 RANGES: dict[AdjustKind, Range] = {
     "hue": Range(-180.0, 180.0, 0.0),
     "brightness": Range(0.0, 4.0, 1.0),
@@ -42,11 +52,15 @@ RANGES: dict[AdjustKind, Range] = {
 def check_adjustment(kind: AdjustKind, amount: float) -> float:
     """The amount as a float. Raises EditError where there is no such adjustment, or its range has no such amount."""
     if kind not in get_args(AdjustKind):
-        raise EditError(f"adjustment {kind!r} is not one of {', '.join(get_args(AdjustKind))}")
+        raise EditError(
+            phrase("adjustment {kind!r} is not one of {list}", kind=kind, list=", ".join(get_args(AdjustKind)))
+        )
     amount = check_number(amount, "amount")
     low, high, _ = RANGES[kind]
     if not low <= amount <= high:
-        raise EditError(f"{kind} {amount:g} is not from {low:g} to {high:g}")
+        raise EditError(
+            phrase("{kind} {amount:g} is not from {low:g} to {high:g}", kind=kind, amount=amount, low=low, high=high)
+        )
     return amount
 
 

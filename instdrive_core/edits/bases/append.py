@@ -19,6 +19,7 @@ from instdrive_core.instances.table import Instance
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import move_entry
+from instdrive_core.wording import phrase
 
 MAX_NODES = 1 << 16
 """Nodes are named with 16 bits."""
@@ -68,7 +69,7 @@ class AppendEdit(Edit):
         """Append rows, tracks and entries of the table."""
         added = self.build_addition(document)
         if len(document.scene.actors) + len(added.tracks) >= MAX_NODES:
-            raise EditError(f"a scene has at most {MAX_NODES - 1} moving objects")
+            raise EditError(phrase("a scene has at most {most} moving objects", most=MAX_NODES - 1))
         rows = len(document.scene) + np.arange(len(added.scene))
         self._count, self._actors_before = len(rows), document.scene.actors
         self._size_before, self._free_before = len(document.transforms), document.first_free_id

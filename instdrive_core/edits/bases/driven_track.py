@@ -15,6 +15,7 @@ from instdrive_core.edits.queries.placement import find_ground_below
 from instdrive_core.errors import EditError
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.vehicle_path import PathKey, sample_path
+from instdrive_core.wording import phrase
 
 _STEP = 0.1
 """Seconds between the poses of a driven track, that of most LiDARs."""
@@ -29,14 +30,20 @@ Keys = Sequence[Sequence[float]]
 def check_keys(keys: Sequence[Sequence[float]]) -> Keys:
     """Check the keys of a way. Raises EditError naming the one that is wrong."""
     if isinstance(keys, str) or not 1 <= len(keys) <= _MOST_KEYS:
-        raise EditError(f"a way needs from 1 to {_MOST_KEYS} keys")
+        raise EditError(phrase("a way needs from 1 to {most} keys", most=_MOST_KEYS))
     checked: list[tuple[float, ...]] = []
     for number, key in enumerate(keys, start=1):
         if isinstance(key, str) or len(key) not in (3, 4) or not all(is_number(value) for value in key):
-            raise EditError(f"key {number} of the way is {key!r}, not time, x, y and if wanted the heading")
-        checked.append(check_number_list(key, f"key {number} of the way", len(key)))
+            raise EditError(
+                phrase(
+                    "key {number} of the way is {key!r}, not time, x, y and if wanted the heading",
+                    number=number,
+                    key=key,
+                )
+            )
+        checked.append(check_number_list(key, phrase("key {number} of the way", number=number), len(key)))
         if number > 1 and checked[-1][0] <= checked[-2][0]:
-            raise EditError(f"the times of the way do not rise at key {number}")
+            raise EditError(phrase("the times of the way do not rise at key {number}", number=number))
     if checked[-1][0] - checked[0][0] > _LONGEST or max(abs(value) for key in checked for value in key) > 1e6:
         raise EditError("the way lasts over an hour, or leads over 1,000 km away")
     return tuple(checked)

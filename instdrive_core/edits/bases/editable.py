@@ -14,6 +14,7 @@ from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.edits.document.synthetic_rows import find_shadow
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 
 def find_editable_rows(document: Document, ids: tuple[int, ...]) -> ndarray:
@@ -49,8 +50,10 @@ def find_colorable_parts(document: Document, ids: tuple[int, ...]) -> RowParts:
 
 
 def _not_editable_error(ids: tuple[int, ...], locked: bool) -> EditError:
-    reason = "locked; unlock it first" if locked else "deleted already"
-    return EditError(f"{describe_ids(ids)}: every splat is {reason}")
+    objects = describe_ids(ids)
+    if locked:
+        return EditError(phrase("{objects}: every splat is locked; unlock it first", objects=objects))
+    return EditError(phrase("{objects}: every splat is deleted already", objects=objects))
 
 
 def check_unlocked(document: Document, ids: Iterable[int]) -> None:
@@ -61,4 +64,4 @@ def check_unlocked(document: Document, ids: Iterable[int]) -> None:
     locked = np.flatnonzero(states == Flag.LOCKED)
     if len(locked):
         instance_id = wanted[int(np.searchsorted(parts.bounds, locked[0], side="right")) - 1]
-        raise EditError(f"instance {instance_id} is locked; unlock it first")
+        raise EditError(phrase("instance {instance_id} is locked; unlock it first", instance_id=instance_id))

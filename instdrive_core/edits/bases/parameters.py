@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import TypeGuard
 
 from instdrive_core.errors import EditError
+from instdrive_core.wording import phrase
 
 Vector = tuple[float, float, float]
 
@@ -28,7 +29,9 @@ def check_ids(ids: Iterable[int]) -> tuple[int, ...]:
     unique = set()
     for instance_id in ids:
         if not is_whole(instance_id) or instance_id < 1:
-            raise EditError(f"instance ID {instance_id!r} is not a whole number above 0")
+            raise EditError(
+                phrase("instance ID {instance_id!r} is not a whole number above 0", instance_id=instance_id)
+            )
         unique.add(instance_id)
     if not unique:
         raise EditError("no instance IDs were given; name at least one")
@@ -38,21 +41,23 @@ def check_ids(ids: Iterable[int]) -> tuple[int, ...]:
 def check_switch(value: bool, what: str) -> bool:
     """Return a switch as it is. Raises EditError where it is not true or false."""
     if not isinstance(value, bool):
-        raise EditError(f"{what} is {value!r}, not true or false")
+        raise EditError(phrase("{what} is {value!r}, not true or false", what=what, value=value))
     return value
 
 
 def check_number(value: float, what: str) -> float:
     """The value as a float. Raises EditError unless it is a finite number."""
     if not is_number(value):
-        raise EditError(f"{what} {value!r} is not a finite number")
+        raise EditError(phrase("{what} {value!r} is not a finite number", what=what, value=value))
     return float(value)
 
 
 def check_number_list(values: Sequence[float], what: str, length: int) -> tuple[float, ...]:
     """The values as floats. Raises EditError unless they are `length` finite numbers."""
     if isinstance(values, str) or len(values) != length or not all(is_number(value) for value in values):
-        raise EditError(f"{what} {values!r} is not {length} finite numbers")
+        raise EditError(
+            phrase("{what} {values!r} is not {length} finite numbers", what=what, values=values, length=length)
+        )
     return tuple(float(value) for value in values)
 
 

@@ -16,6 +16,7 @@ from instdrive_core.edits.queries.part_bounds import compute_part_bounds, find_m
 from instdrive_core.errors import EditError
 from instdrive_core.instances.colormap import ID_LIMIT
 from instdrive_core.instances.table import Instance, make_default_name
+from instdrive_core.wording import phrase
 
 MAX_NAME_LENGTH = 200
 
@@ -126,7 +127,12 @@ def create_instances(document: Document, like: Iterable[Instance | None]) -> lis
     entries: list[Instance] = []
     for number, source in enumerate(like, start=document.first_free_id):
         if number >= ID_LIMIT:
-            raise EditError(f"no instance ID below {ID_LIMIT} is free; export the scene to number its instances afresh")
+            raise EditError(
+                phrase(
+                    "no instance ID below {most} is free; export the scene to number its instances afresh",
+                    most=ID_LIMIT,
+                )
+            )
         if source is None or source.name == make_default_name(source.id):
             name = make_default_name(number)
         else:
@@ -141,12 +147,19 @@ def create_instances(document: Document, like: Iterable[Instance | None]) -> lis
 def get_instance(document: Document, instance_id: int) -> Instance:
     """The table's entry of an instance. Raises EditError where there is none."""
     if instance_id not in document.scene.table:
-        raise EditError(f"the scene has no instance {instance_id}")
+        raise EditError(phrase("the scene has no instance {instance_id}", instance_id=instance_id))
     return document.scene.table[instance_id]
 
 
 def check_text(text: str, what: str) -> str:
     """The text without blanks around it. Raises EditError where it is no printable line of reasonable length."""
     if not isinstance(text, str) or len(text) > MAX_NAME_LENGTH or not (text.isprintable()):
-        raise EditError(f"{what} {text!r} is not a line of printable text of at most {MAX_NAME_LENGTH} characters")
+        raise EditError(
+            phrase(
+                "{what} {text!r} is not a line of printable text of at most {most} characters",
+                what=what,
+                text=text,
+                most=MAX_NAME_LENGTH,
+            )
+        )
     return text.strip()

@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import fields
 from typing import TYPE_CHECKING, ClassVar
 
+from instdrive_core.wording import format_count, phrase
+
 if TYPE_CHECKING:
     from instdrive_core.edits.document.document import Document  # which holds a history of edits
 
@@ -47,4 +49,4 @@ class Edit(ABC):
 
 def describe_ids(ids: tuple[int, ...]) -> str:
     """``instance 17`` or ``3 instances``, for titles."""
-    return f"instance {ids[0]}" if len(ids) == 1 else f"{len(ids)} instances"
+    return phrase("instance {id}", id=ids[0]) if len(ids) == 1 else format_count(len(ids), "instance")

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind, check_adjustment, compute_adjustment
+from instdrive_core.edits.bases.adjustments import NAMES, RANGES, AdjustKind, check_adjustment, compute_adjustment
 from instdrive_core.edits.bases.editable import find_colorable_parts, find_editable_parts
 from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
@@ -28,6 +28,7 @@ from instdrive_core.edits.kinds.color import ColorEdit
 from instdrive_core.edits.queries.mean_colors import compute_mean_colors
 from instdrive_core.scene.palette import DRAWN, pack_color_entries
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 ORDER: tuple[AdjustKind, ...] = ("temperature", "hue", "saturation", "brightness", "contrast")
 """In which adjustments are done, and in which a palette entry remembers them; opacity is a number of its own."""
@@ -51,7 +52,13 @@ class SetAdjustment(ColorEdit):
     def title(self) -> str:
         """``Set brightness of instance 17 to 1.3``."""
         unit = "°" if self.what == "hue" else ""
-        return f"Set {self.what} of {describe_ids(self.ids)} to {self.amount:.3g}{unit}"
+        return phrase(
+            "Set {what} of {objects} to {amount:.3g}{unit}",
+            what=NAMES[self.what],
+            objects=describe_ids(self.ids),
+            amount=self.amount,
+            unit=unit,
+        )
 
     def do(self, document: Document) -> bool:
         """Add the changed entries and point the instances' rows at them."""

@@ -23,6 +23,7 @@ from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import compute_current_means
+from instdrive_core.wording import phrase
 
 _GROWTH, _SLACK = 1.2, 1.0
 """Rows in the body's box grown by a factor and metres are looked at: more than `FloaterConfig` can ask for."""
@@ -50,7 +51,7 @@ class AbsorbFloaters(RelabelEdit):
     @property
     def title(self) -> str:
         """``Absorb floaters of instance 17``."""
-        return f"Absorb floaters of instance {self.id}"
+        return phrase("Absorb floaters of instance {id}", id=self.id)
 
     def prepare(self, document: Document) -> None:
         """Look for the strays, which may take a second: `do` on an equal document is then quick.
@@ -103,8 +104,13 @@ def find_instance_floaters(document: Document, instance_id: int) -> ndarray:
     members = keep_main_node(document, alive if len(alive) else members)
     if build_body(document, instance_id, members) is None:
         raise EditError(
-            f"instance {instance_id} is no compact body (at most {DEFAULT_CONFIG.max_length:g} m long, at least "
-            f"{DEFAULT_CONFIG.min_height:g} m high), so nothing lies inside of it"
+            phrase(
+                "instance {instance_id} is no compact body (at most {max_length:g} m long, at least "
+                "{min_height:g} m high), so nothing lies inside of it",
+                instance_id=instance_id,
+                max_length=DEFAULT_CONFIG.max_length,
+                min_height=DEFAULT_CONFIG.min_height,
+            )
         )
     return find_floaters_around(document, instance_id, members)
 

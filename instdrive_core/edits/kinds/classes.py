@@ -11,6 +11,7 @@ from instdrive_core.edits.bases.relabel import check_text, get_instance, restore
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.instances.table import Instance
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -30,7 +31,11 @@ class SetClass(Edit):
     @property
     def title(self) -> str:
         """``Set class of 3 instances to Car``."""
-        return f"Set class of {describe_ids(self.ids)} to {self.class_name or 'unknown'}"
+        return phrase(
+            "Set class of {objects} to {name}",
+            objects=describe_ids(self.ids),
+            name=self.class_name or phrase("unknown"),
+        )
 
     def do(self, document: Document) -> bool:
         """Replace the table's entries. Raises EditError where one of the instances is locked or unknown."""

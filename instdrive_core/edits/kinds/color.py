@@ -20,8 +20,14 @@ from instdrive_core.edits.queries.mean_colors import compute_mean_colors
 from instdrive_core.errors import EditError
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import DRAWN, pack_color_entries
+from instdrive_core.wording import phrase
 
 RecolorMode = Literal["tint", "hue", "solid"]
+_TITLES: dict[RecolorMode, str] = {
+    "tint": "Tint {objects} #{code}",
+    "hue": "Shift hue of {objects} to #{code}",
+    "solid": "Solid {objects} #{code}",
+}
 MEAN_LUMA_FLOOR = 0.05
 """Darker instances are not brightened by more than 20 times."""
 
@@ -69,18 +75,21 @@ class RecolorInstances(ColorEdit):
     def __post_init__(self) -> None:
         self.ids = check_ids(self.ids)
         if self.mode not in get_args(RecolorMode):
-            raise EditError(f"recolour mode {self.mode!r} is not one of {', '.join(get_args(RecolorMode))}")
+            raise EditError(
+                phrase(
+                    "recolour mode {mode!r} is not one of {list}", mode=self.mode, list=", ".join(get_args(RecolorMode))
+                )
+            )
         if len(self.color) != 3 or not all(0 <= channel <= 1 for channel in self.color):
-            raise EditError(f"colour {self.color!r} is not three numbers from 0 to 1")
+            raise EditError(phrase("colour {color!r} is not three numbers from 0 to 1", color=self.color))
         self.color = (float(self.color[0]), float(self.color[1]), float(self.color[2]))
 
     @property
     def title(self) -> str:
         """``Tint instance 17 #d02020``."""
         code = "".join(f"{round(channel * 255):02x}" for channel in self.color)
-        if self.mode == "hue":
-            return f"Shift hue of {describe_ids(self.ids)} to #{code}"
-        return f"{self.mode.capitalize()} {describe_ids(self.ids)} #{code}"
+        objects = describe_ids(self.ids)
+        return phrase(_TITLES[self.mode], objects=objects, code=code)
 
     def do(self, document: Document) -> bool:
         """Add one entry per instance and point the instance's rows at it."""
@@ -104,7 +113,7 @@ class ResetColors(ColorEdit):
     @property
     def title(self) -> str:
         """``Reset colours of instance 17``."""
-        return f"Reset colours of {describe_ids(self.ids)}"
+        return phrase("Reset colours of {objects}", objects=describe_ids(self.ids))
 
     def do(self, document: Document) -> bool:
         """Point the instances' rows at the entry that changes nothing."""

@@ -8,6 +8,7 @@ from typing import ClassVar
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import EditError
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -22,7 +23,7 @@ class CompoundEdit(Edit):
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
-            raise EditError(f"name {self.name!r} of a compound edit is no text")
+            raise EditError(phrase("name {name!r} of a compound edit is no text", name=self.name))
 
     @property
     def title(self) -> str:

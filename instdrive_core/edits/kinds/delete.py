@@ -17,7 +17,7 @@ from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.edits.document.row_runs import RowRuns, expand_runs, make_runs
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 
 @dataclass
@@ -33,7 +33,7 @@ class DeleteInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Delete instance 17``."""
-        return f"Delete {describe_ids(self.ids)}"
+        return phrase("Delete {objects}", objects=describe_ids(self.ids))
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the instances' rows."""
@@ -74,7 +74,7 @@ class DeleteRows(FlagEdit):
     @property
     def title(self) -> str:
         """``Delete 12 splats``."""
-        return f"Delete {format_count(len(make_runs(self.rows)), 'splat')}"
+        return phrase("Delete {splats}", splats=format_count(len(make_runs(self.rows)), "splat"))
 
     def to_json(self) -> dict[str, object]:
         """The rows as runs."""

@@ -14,6 +14,7 @@ from instdrive_core.edits.bases.relabel import create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.scene.scene import Scene
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -32,7 +33,7 @@ class DuplicateInstances(AppendEdit):
     @property
     def title(self) -> str:
         """``Duplicate instance 17``."""
-        return f"Duplicate {describe_ids(self.ids)}"
+        return phrase("Duplicate {objects}", objects=describe_ids(self.ids))
 
     @property
     def shift(self) -> Vector:

@@ -36,6 +36,7 @@ from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -75,17 +76,25 @@ class FillHole(AppendEdit):
         self.cells = _check_cells(self.cells, may_be_none=bool(self.behind))
         (x, y), (ax, ay) = check_number_list(self.corner, "corner", 2), check_number_list(self.along, "along", 2)
         if not 0.99 < np.hypot(ax, ay) < 1.01:
-            raise EditError(f"along {self.along!r} is no unit vector")
+            raise EditError(phrase("along {along!r} is no unit vector", along=self.along))
         self.corner, self.along = (x, y), (ax, ay)
         self.plane = check_vector(self.plane, "plane")
         self.size = check_number(self.size, "size")
         if not 0.01 <= self.size <= 10:
-            raise EditError(f"size {self.size!r} of a cell is not 0.01 to 10 metres")
+            raise EditError(phrase("size {size!r} of a cell is not 0.01 to 10 metres", size=self.size))
         if not isinstance(self.name, str) or not self.name.isprintable() or not 0 < len(self.name) <= MAX_NAME_LENGTH:
-            raise EditError(f"name {self.name!r} is not a line of 1 to {MAX_NAME_LENGTH} characters")
+            raise EditError(
+                phrase(
+                    "name {name!r} is not a line of 1 to {most} characters",
+                    name=self.name,
+                    most=MAX_NAME_LENGTH,
+                )
+            )
         check_switch(self.lit, "lit")
         if not is_whole(self.seed) or not 0 <= self.seed < 2**32:
-            raise EditError(f"seed {self.seed!r} is not a whole number from 0 to {2**32 - 1}")
+            raise EditError(
+                phrase("seed {seed!r} is not a whole number from 0 to {most}", seed=self.seed, most=2**32 - 1)
+            )
 
     @property
     def area(self) -> float:
@@ -95,7 +104,7 @@ class FillHole(AppendEdit):
     @property
     def title(self) -> str:
         """``Fill hole of 7.2 m²``."""
-        return f"Fill hole of {self.area:.1f} m²"
+        return phrase("Fill hole of {area:.1f} m²", area=self.area)
 
     @property
     def shift(self) -> Vector:
@@ -196,7 +205,13 @@ class FillHole(AppendEdit):
         hole = np.zeros(grid.shape, bool)
         inside = cells - start
         if not grid.contains(inside).all():
-            raise EditError(f"the hole is longer than {2 * HALF_LENGTH:g} m or wider than {2 * HALF_WIDTH:g} m")
+            raise EditError(
+                phrase(
+                    "the hole is longer than {length:g} m or wider than {width:g} m",
+                    length=2 * HALF_LENGTH,
+                    width=2 * HALF_WIDTH,
+                )
+            )
         hole[tuple(inside.T)] = True
         place = grid.lift_to_ground(grid.compute_centers((middle - start)[None]))[0]
         near = find_neighborhood(document, place).exclude(lost)
@@ -211,10 +226,10 @@ def _check_cells(cells: Sequence[object], may_be_none: bool) -> tuple[tuple[int,
     pairs = []
     for cell in cells:
         if not isinstance(cell, tuple | list):
-            raise EditError(f"cell {cell!r} is not two whole numbers")
+            raise EditError(phrase("cell {cell!r} is not two whole numbers", cell=cell))
         whole = [each for each in cell if is_whole(each) and abs(each) < 2**31]
         if len(cell) != 2 or len(whole) != 2:
-            raise EditError(f"cell {cell!r} is not two whole numbers")
+            raise EditError(phrase("cell {cell!r} is not two whole numbers", cell=cell))
         pairs.append((whole[0], whole[1]))
     if not pairs and not may_be_none:
         raise EditError("a hole without cells cannot be filled")

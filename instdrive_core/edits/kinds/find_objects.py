@@ -18,6 +18,7 @@ from instdrive_core.instances.found_objects import DEFAULT_OBJECTS, estimate_uni
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import compute_current_means
+from instdrive_core.wording import phrase
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class FindObjects(RelabelEdit):
             if value is None and name == "unit":
                 continue
             if not is_number(value) or not 0 < value < np.inf:
-                raise EditError(f"{name} {value!r} is not a number above 0")
+                raise EditError(phrase("{name} {value!r} is not a number above 0", name=name, value=value))
             setattr(self, name, float(value))
 
     @property

@@ -21,6 +21,7 @@ from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.errors import EditError
 from instdrive_core.instances.proximity import estimate_spacing, find_rows_near
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 _ENOUGH = 100
 """Selected splats that tell how far splats lie apart; with fewer all that are drawn are asked."""
@@ -55,9 +56,9 @@ class BorderEdit(FlagEdit):
 
     def __post_init__(self) -> None:
         if self.distance is not None and not (is_number(self.distance) and self.distance > 0):
-            raise EditError(f"distance {self.distance!r} is no number of metres above 0")
+            raise EditError(phrase("distance {distance!r} is no number of metres above 0", distance=self.distance))
         if not is_number(self.time):
-            raise EditError(f"time {self.time!r} is no number of seconds")
+            raise EditError(phrase("time {time!r} is no number of seconds", time=self.time))
 
     def prepare(self, document: Document) -> None:
         """Look along the border, which may take a second: `do` on an equal document is then quick.
@@ -101,9 +102,6 @@ class BorderEdit(FlagEdit):
             distance = spacing if math.isfinite(spacing) else _FALLBACK
         return _Sides(means, selected, np.flatnonzero(drawn & ~chosen), distance)
 
-    def _describe_distance(self) -> str:
-        return "" if self.distance is None else f" by {self.distance:g} m"
-
 
 @dataclass
 class GrowSelection(BorderEdit):
@@ -114,7 +112,9 @@ class GrowSelection(BorderEdit):
     @property
     def title(self) -> str:
         """``Grow selection by 0.2 m``."""
-        return f"Grow selection{self._describe_distance()}"
+        if self.distance is None:
+            return "Grow selection"
+        return phrase("Grow selection by {distance:g} m", distance=self.distance)
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set the bit on the selection's neighbours."""
@@ -135,7 +135,9 @@ class ShrinkSelection(BorderEdit):
     @property
     def title(self) -> str:
         """``Shrink selection by 0.2 m``."""
-        return f"Shrink selection{self._describe_distance()}"
+        if self.distance is None:
+            return "Shrink selection"
+        return phrase("Shrink selection by {distance:g} m", distance=self.distance)
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the bit along the selection's border."""

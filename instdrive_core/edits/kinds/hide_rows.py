@@ -14,7 +14,7 @@ from instdrive_core.edits.bases.parameters import check_switch
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.row_runs import RowRuns, expand_runs, make_runs
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 
 @dataclass
@@ -33,7 +33,8 @@ class HideRows(FlagEdit):
     @property
     def title(self) -> str:
         """``Hide 1,204 splats``."""
-        return f"{'Hide' if self.hidden else 'Show'} {format_count(len(make_runs(self.rows)), 'splat')}"
+        objects = format_count(len(make_runs(self.rows)), "splat")
+        return phrase("Hide {objects}", objects=objects) if self.hidden else phrase("Show {objects}", objects=objects)
 
     def to_json(self) -> dict[str, object]:
         """Kind and parameters, with the rows as runs."""

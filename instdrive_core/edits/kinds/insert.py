@@ -19,6 +19,7 @@ from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -39,9 +40,9 @@ class InsertScene(AppendEdit):
 
     def __post_init__(self) -> None:
         if not isinstance(self.path, str) or not self.path:
-            raise EditError(f"path {self.path!r} is no name of a file")
+            raise EditError(phrase("path {path!r} is no name of a file", path=self.path))
         if not isinstance(self.digest, str):
-            raise EditError(f"digest {self.digest!r} is no text")
+            raise EditError(phrase("digest {digest!r} is no text", digest=self.digest))
         self.translation = check_vector(self.translation, "translation")
 
     @classmethod
@@ -65,7 +66,7 @@ class InsertScene(AppendEdit):
     @property
     def title(self) -> str:
         """``Insert car.ply``."""
-        return f"Insert {Path(self.path).name}"
+        return phrase("Insert {name}", name=Path(self.path).name)
 
     @property
     def shift(self) -> Vector:
@@ -83,7 +84,13 @@ class InsertScene(AppendEdit):
             tracks.append(replace(track, id=make_unique_track_id(track.id, taken)))
             taken.add(tracks[-1].id)
         if nodes.max(initial=0) > np.iinfo(np.uint16).max:
-            raise EditError(f"{self.path}: with its {len(tracks)} moving objects the scene would have too many")
+            raise EditError(
+                phrase(
+                    "{path}: with its {count} moving objects the scene would have too many",
+                    path=self.path,
+                    count=len(tracks),
+                )
+            )
         same_code = source.code_bits == scene.code_bits
         added = Scene(
             _fit_columns(source.gaussians, scene.gaussians),
@@ -102,12 +109,14 @@ class InsertScene(AppendEdit):
         """The file's scene, kept for redo: the file may be gone by then."""
         if self._source is None:
             if document.open_scene is None:
-                raise EditError(f"{self.path} cannot be inserted: this document was not told how to open files")
+                raise EditError(
+                    phrase("{path} cannot be inserted: this document was not told how to open files", path=self.path)
+                )
             self._source = document.open_scene(Path(self.path))
             digest = _compute_digest(self._source.gaussians)
             if self.digest not in ("", digest):
                 self._source = None
-                raise EditError(f"{self.path} is no longer the file that was inserted; restore it")
+                raise EditError(phrase("{path} is no longer the file that was inserted; restore it", path=self.path))
             self.digest = digest
         _check_not_empty(self._source, self.path)
         return self._source
@@ -115,7 +124,7 @@ class InsertScene(AppendEdit):
 
 def _check_not_empty(source: Scene, path: str) -> None:
     if not len(source):
-        raise EditError(f"{path} has no splats")
+        raise EditError(phrase("{path} has no splats", path=path))
 
 
 def _find_present_entries(source: Scene) -> list[Instance]:

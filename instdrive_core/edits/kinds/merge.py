@@ -15,6 +15,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -35,7 +36,7 @@ class MergeInstances(Edit):
     @property
     def title(self) -> str:
         """``Merge 2 instances into instance 17``."""
-        return f"Merge {describe_ids(self.ids)} into instance {self.into}"
+        return phrase("Merge {objects} into instance {into}", objects=describe_ids(self.ids), into=self.into)
 
     def do(self, document: Document) -> bool:
         """Write the IDs and join the table's entries."""
@@ -44,8 +45,12 @@ class MergeInstances(Edit):
         strangers = [instance for instance in others if instance.node != target.node]
         if strangers:
             raise EditError(
-                f"instance {strangers[0].id} moves with another object than instance {target.id}; "
-                "only instances of the same track, or two of the background, can be merged"
+                phrase(
+                    "instance {id} moves with another object than instance {other}; only instances of the "
+                    "same track, or two of the background, can be merged",
+                    id=strangers[0].id,
+                    other=target.id,
+                )
             )
         if not others:
             return False

@@ -30,6 +30,7 @@ from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import Similarity, move_entry
+from instdrive_core.wording import phrase
 
 SCALE_LIMITS = (0.01, 100.0)
 
@@ -69,11 +70,18 @@ class MoveInstances(PoseEdit):
         turn = check_number_list(self.rotation, "rotation", 4)
         self.rotation = (turn[0], turn[1], turn[2], turn[3])
         if not 1e-6 <= math.hypot(*self.rotation) <= 1e6:
-            raise EditError(f"rotation {self.rotation} is a quaternion of no usable length")
+            raise EditError(phrase("rotation {rotation} is a quaternion of no usable length", rotation=self.rotation))
         self.time = check_number(self.time, "time")
         self.scale = check_number(self.scale, "scale")
         if not SCALE_LIMITS[0] <= self.scale <= SCALE_LIMITS[1]:
-            raise EditError(f"scale {self.scale:g} is not from {SCALE_LIMITS[0]:g} to {SCALE_LIMITS[1]:g}")
+            raise EditError(
+                phrase(
+                    "scale {scale:g} is not from {least:g} to {most:g}",
+                    scale=self.scale,
+                    least=SCALE_LIMITS[0],
+                    most=SCALE_LIMITS[1],
+                )
+            )
         for name in ("yaw_only", "along_lane", "on_ground", "body_only"):
             check_switch(getattr(self, name), name)
 
@@ -83,10 +91,10 @@ class MoveInstances(PoseEdit):
         what, shifted = describe_ids(self.ids), any(self.translation)
         turned = math.hypot(*self.rotation[1:]) > 1e-9 * math.hypot(*self.rotation)
         if shifted or (turned and self.scale != 1):
-            return f"Move {what}"
+            return phrase("Move {what}", what=what)
         if turned or self.scale != 1:
-            return f"{'Rotate' if turned else 'Scale'} {what}"
-        return f"Put {what} on the ground" if self.on_ground else f"Move {what}"
+            return phrase("Rotate {what}", what=what) if turned else phrase("Scale {what}", what=what)
+        return phrase("Put {what} on the ground", what=what) if self.on_ground else phrase("Move {what}", what=what)
 
     def do(self, document: Document) -> bool:
         """Point rows at composed transforms, and replace tracks."""

@@ -18,6 +18,7 @@ from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.edits.kinds.color import MEAN_LUMA_FLOOR, ColorEdit
 from instdrive_core.errors import EditError
 from instdrive_core.scene.palette import DRAWN, pack_color_entries
+from instdrive_core.wording import phrase
 
 TOLERANCE = 0.18
 """Difference from the body's colour up to which splats are painted."""
@@ -44,14 +45,18 @@ class PaintInstances(ColorEdit):
         self.color = _check_color(self.color, "color")
         self.tolerance = check_number(self.tolerance, "tolerance")
         if not 0 <= self.tolerance <= 1:
-            raise EditError(f"tolerance {self.tolerance!r} is not from 0 to 1")
+            raise EditError(phrase("tolerance {tolerance!r} is not from 0 to 1", tolerance=self.tolerance))
         if self.reference is not None:
             self.reference = _check_color(self.reference, "reference")
 
     @property
     def title(self) -> str:
         """``Paint instance 17 #d02020``."""
-        return f"Paint {describe_ids(self.ids)} #{''.join(f'{round(channel * 255):02x}' for channel in self.color)}"
+        return phrase(
+            "Paint {objects} #{code}",
+            objects=describe_ids(self.ids),
+            code="".join(f"{round(channel * 255):02x}" for channel in self.color),
+        )
 
     def do(self, document: Document) -> bool:
         """Add one entry per instance for what is painted, and point the rest at the trained colours."""
@@ -76,8 +81,8 @@ class PaintInstances(ColorEdit):
 
 def _check_color(values: object, name: str) -> RGB:
     if not isinstance(values, (list, tuple)) or len(values) != 3:
-        raise EditError(f"{name} {values!r} is not three numbers from 0 to 1")
+        raise EditError(phrase("{name} {values!r} is not three numbers from 0 to 1", name=name, values=values))
     red, green, blue = (check_number(value, name) for value in values)
     if not all(0 <= channel <= 1 for channel in (red, green, blue)):
-        raise EditError(f"{name} {values!r} is not three numbers from 0 to 1")
+        raise EditError(phrase("{name} {values!r} is not three numbers from 0 to 1", name=name, values=values))
     return red, green, blue

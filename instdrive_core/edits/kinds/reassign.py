@@ -14,6 +14,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -35,7 +36,11 @@ class ReassignSelected(RelabelEdit):
         """``Reassign selection to instance 17``."""
         if self.into is None:
             return "New instance from selection"
-        return f"Reassign selection to instance {self.into}" if self.into else "Take selection out of its instance"
+        return (
+            phrase("Reassign selection to instance {into}", into=self.into)
+            if self.into
+            else "Take selection out of its instance"
+        )
 
     def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """All selected rows to the one target."""

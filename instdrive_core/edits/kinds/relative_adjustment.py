@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind, check_adjustment, compute_adjustment
+from instdrive_core.edits.bases.adjustments import NAMES, RANGES, AdjustKind, check_adjustment, compute_adjustment
 from instdrive_core.edits.bases.editable import find_editable_parts
 from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
@@ -19,6 +19,7 @@ from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.edits.kinds.color import ColorEdit
 from instdrive_core.edits.queries.mean_colors import compute_mean_colors
 from instdrive_core.scene.palette import DRAWN, pack_color_entries
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -38,7 +39,7 @@ class AdjustInstances(ColorEdit):
     @property
     def title(self) -> str:
         """``Adjust hue of instance 17``."""
-        return f"Adjust {self.what} of {describe_ids(self.ids)}"
+        return phrase("Adjust {what} of {objects}", what=NAMES[self.what], objects=describe_ids(self.ids))
 
     def do(self, document: Document) -> bool:
         """Add the changed entries and point the instances' rows at them."""

@@ -12,6 +12,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -27,12 +28,12 @@ class RenameInstance(Edit):
         check_ids((self.id,))
         self.name = check_text(self.name, "name")
         if not self.name:
-            raise EditError(f"instance {self.id} needs a name of at least one character")
+            raise EditError(phrase("instance {id} needs a name of at least one character", id=self.id))
 
     @property
     def title(self) -> str:
         """``Rename instance 17 to taxi``."""
-        return f"Rename instance {self.id} to {self.name}"
+        return phrase("Rename instance {id} to {name}", id=self.id, name=self.name)
 
     def do(self, document: Document) -> bool:
         """Replace the table's entry. Raises EditError where the instance is locked."""

@@ -15,6 +15,7 @@ from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.edits.document.entries import add_changed_entries
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.scene.transforms import reset_entry
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -34,7 +35,7 @@ class ResetMoves(PoseEdit):
     @property
     def title(self) -> str:
         """``Reset the move of instance 17``."""
-        return f"Reset the move of {describe_ids(self.ids)}"
+        return phrase("Reset the move of {objects}", objects=describe_ids(self.ids))
 
     def do(self, document: Document) -> bool:
         """Name the homes again, and give actors their first tracks."""

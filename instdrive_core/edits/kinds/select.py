@@ -16,15 +16,20 @@ from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.errors import EditError
 from instdrive_core.instances.codebook import MAX_BITS
 from instdrive_core.scene.selection import Flag, SplatState
+from instdrive_core.wording import Phrase, phrase
 
 SelectMode = Literal["replace", "add", "remove", "intersect"]
-VERBS: dict[SelectMode, str] = {
-    "replace": "Select",
-    "add": "Add to selection:",
-    "remove": "Deselect",
-    "intersect": "Select only what is in",
+_TITLES: dict[SelectMode, str] = {
+    "replace": "Select {what}",
+    "add": "Add to selection: {what}",
+    "remove": "Deselect {what}",
+    "intersect": "Select only what is in {what}",
 }
-"""How the titles of select edits begin."""
+
+
+def title_selection(mode: SelectMode, what: str) -> Phrase:
+    """The title of an edit that selects something, e.g. ``Deselect instance 17``."""
+    return phrase(_TITLES[mode], what=what)
 
 
 @dataclass
@@ -43,7 +48,7 @@ class SelectInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Select instance 17``."""
-        return f"{VERBS[self.mode]} {describe_ids(self.ids)}"
+        return title_selection(self.mode, describe_ids(self.ids))
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the selection where it is replaced, then set or clear the instances' rows."""
@@ -62,13 +67,14 @@ class SelectClass(FlagEdit):
 
     def __post_init__(self) -> None:
         if not isinstance(self.class_name, str):
-            raise EditError(f"class name {self.class_name!r} is no text")
+            raise EditError(phrase("class name {class_name!r} is no text", class_name=self.class_name))
         check_mode(self.mode)
 
     @property
     def title(self) -> str:
         """``Select class Car``."""
-        return f"{VERBS[self.mode]} class {self.class_name or 'none'}"
+        name = phrase("class {name}", name=self.class_name) if self.class_name else phrase("class none")
+        return title_selection(self.mode, name)
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the selection where it is replaced, then set or clear the rows of the class."""
@@ -76,7 +82,13 @@ class SelectClass(FlagEdit):
         ids = tuple(instance.id for instance in table if instance.class_name == self.class_name)
         if not ids:
             known = ", ".join(sorted({instance.class_name for instance in table} - {""})) or "none"
-            raise EditError(f"no instance has the class {self.class_name!r}; the scene's classes are: {known}")
+            raise EditError(
+                phrase(
+                    "no instance has the class {class_name!r}; the scene's classes are: {known}",
+                    class_name=self.class_name,
+                    known=known,
+                )
+            )
         return plan_selection_changes(document.state, document.find_rows(ids), self.mode)
 
 
@@ -91,19 +103,25 @@ class SelectCodeword(FlagEdit):
 
     def __post_init__(self) -> None:
         if not is_whole(self.codeword) or not 0 <= self.codeword < 1 << MAX_BITS:
-            raise EditError(f"codeword {self.codeword!r} is not a whole number of at most {MAX_BITS} bits")
+            raise EditError(
+                phrase(
+                    "codeword {codeword!r} is not a whole number of at most {most} bits",
+                    codeword=self.codeword,
+                    most=MAX_BITS,
+                )
+            )
         check_mode(self.mode)
 
     @property
     def title(self) -> str:
         """``Select codeword 1038``."""
-        return f"{VERBS[self.mode]} codeword {self.codeword}"
+        return title_selection(self.mode, phrase("codeword {codeword}", codeword=self.codeword))
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the selection where it is replaced, then set or clear the codeword's rows."""
         rows = document.find_codeword_rows(self.codeword)
         if not len(rows):
-            raise EditError(f"no splat of the scene has codeword {self.codeword}")
+            raise EditError(phrase("no splat of the scene has codeword {codeword}", codeword=self.codeword))
         return plan_selection_changes(document.state, rows, self.mode)
 
 
@@ -177,7 +195,9 @@ def plan_selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -
 def check_mode(mode: str) -> None:
     """Raise EditError where `mode` is no `SelectMode`."""
     if mode not in get_args(SelectMode):
-        raise EditError(f"selection mode {mode!r} is not one of {', '.join(get_args(SelectMode))}")
+        raise EditError(
+            phrase("selection mode {mode!r} is not one of {list}", mode=mode, list=", ".join(get_args(SelectMode)))
+        )
 
 
 def _find_free_rows(state: SplatState) -> ndarray:

@@ -12,7 +12,7 @@ from numpy import ndarray
 from instdrive_core.edits.bases.flags import FlagChange, FlagEdit
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.row_runs import RowRuns, expand_runs, make_runs
-from instdrive_core.edits.kinds.select import VERBS, SelectMode, check_mode, plan_selection_changes
+from instdrive_core.edits.kinds.select import SelectMode, check_mode, plan_selection_changes, title_selection
 from instdrive_core.wording import format_count
 
 
@@ -33,7 +33,7 @@ class SelectRows(FlagEdit):
     @property
     def title(self) -> str:
         """``Select 1,204 splats``."""
-        return f"{VERBS[self.mode]} {format_count(len(make_runs(self.rows)), 'splat')}"
+        return title_selection(self.mode, format_count(len(make_runs(self.rows)), "splat"))
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the selection where it is replaced, then set or clear the rows."""

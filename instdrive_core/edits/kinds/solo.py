@@ -13,6 +13,7 @@ from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -28,7 +29,7 @@ class SoloInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Show only instance 17``."""
-        return f"Show only {describe_ids(self.ids)}"
+        return phrase("Show only {objects}", objects=describe_ids(self.ids))
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Show the instances, then deselect and hide the others; what is deleted keeps its bits."""

@@ -16,6 +16,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import EditError
 from instdrive_core.instances.components import ComponentConfig, split_components
 from instdrive_core.instances.rejoining import RejoinConfig
+from instdrive_core.wording import phrase
 
 DEFAULT_GAP = 1.0
 
@@ -54,13 +55,13 @@ class SplitInstance(RelabelEdit):
     def __post_init__(self) -> None:
         check_ids((self.id,))
         if not is_number(self.gap) or self.gap <= 0:
-            raise EditError(f"gap {self.gap!r} is not a number of metres above 0")
+            raise EditError(phrase("gap {gap!r} is not a number of metres above 0", gap=self.gap))
         self.gap = float(self.gap)
 
     @property
     def title(self) -> str:
         """``Split instance 17``."""
-        return f"Split instance {self.id}"
+        return phrase("Split instance {id}", id=self.id)
 
     def prepare(self, document: Document) -> tuple[int, ...]:
         """Look for the parts, which may take a second: `do` on an equal document is then quick. Returns their sizes.
@@ -78,7 +79,9 @@ class SplitInstance(RelabelEdit):
         rows, parts = self._found.rows, self._found.numbers
         count = int(parts.max(initial=0))
         if count < 2:
-            raise EditError(f"instance {self.id} hangs together at gaps of {self.gap:g} m; try a smaller gap")
+            raise EditError(
+                phrase("instance {id} hangs together at gaps of {gap:g} m; try a smaller gap", id=self.id, gap=self.gap)
+            )
         pieces = [rows[parts == number] for number in range(2, count + 1)]
         return [
             Relabeling(*pair) for pair in zip(pieces, create_instances(document, [source] * len(pieces)), strict=True)

@@ -34,6 +34,7 @@ from instdrive_core.scene.upright import (
     is_quarter_turn,
     snap_rotation,
 )
+from instdrive_core.wording import phrase
 
 SCALE_LIMITS = (1e-4, 1e4)
 _SAME = 0.5
@@ -75,17 +76,24 @@ class TurnScene(Edit):
         w, x, y, z = check_number_list(self.rotation, "rotation", 4)
         self.rotation = (w, x, y, z)
         if not 1e-6 <= math.hypot(*self.rotation) <= 1e6:
-            raise EditError(f"rotation {self.rotation} is a quaternion of no usable length")
+            raise EditError(phrase("rotation {rotation} is a quaternion of no usable length", rotation=self.rotation))
         self.scale = check_number(self.scale, "scale")
         if not SCALE_LIMITS[0] <= self.scale <= SCALE_LIMITS[1]:
-            raise EditError(f"scale {self.scale:g} is not from {SCALE_LIMITS[0]:g} to {SCALE_LIMITS[1]:g}")
+            raise EditError(
+                phrase(
+                    "scale {scale:g} is not from {least:g} to {most:g}",
+                    scale=self.scale,
+                    least=SCALE_LIMITS[0],
+                    most=SCALE_LIMITS[1],
+                )
+            )
 
     @classmethod
     def make_upright(cls, up: Vector, scale: float = 1.0) -> TurnScene:
         """The turn after which what points along `up` now, of any length above 0, points up."""
         up = check_vector(up, "up")
         if math.hypot(*up) < 1e-6:
-            raise EditError(f"up {up!r} is a vector of no length")
+            raise EditError(phrase("up {up!r} is a vector of no length", up=up))
         w, x, y, z = quaternion_from_matrix(compute_upright_rotation(np.array(up))).tolist()
         return cls((w, x, y, z), scale)
 
@@ -99,11 +107,13 @@ class TurnScene(Edit):
         """``Turn the scene, −Y up``, ``Scale the scene by 0.01`` …"""
         axis, angle = find_nearest_axis(self.linear[2])  # what the third row picks becomes z
         turned = not np.array_equal(self.linear, self.scale * np.eye(3))
-        scaled = f"by {self.scale:g}" if self.scale != 1 else ""
+        scaled = self.scale != 1
         if not turned:
-            return f"Scale the scene {scaled}".rstrip()
-        name = f"Turn the scene, {format_axis(axis)} up" if angle < _SAME else "Turn the scene"
-        return f"{name}, and scale it {scaled}" if scaled else name
+            return phrase("Scale the scene by {scale:g}", scale=self.scale) if scaled else "Scale the scene"
+        name = (
+            phrase("Turn the scene, {axis} up", axis=format_axis(axis)) if angle < _SAME else phrase("Turn the scene")
+        )
+        return phrase("{name}, and scale it by {scale:g}", name=name, scale=self.scale) if scaled else name
 
     @property
     def is_quick(self) -> bool:

@@ -13,6 +13,7 @@ from instdrive_core.edits.bases.parameters import check_ids, check_switch
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.scene.selection import Flag, SplatState
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -30,7 +31,8 @@ class HideInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Hide instance 17``."""
-        return f"{'Hide' if self.hidden else 'Show'} {describe_ids(self.ids)}"
+        objects = describe_ids(self.ids)
+        return phrase("Hide {objects}", objects=objects) if self.hidden else phrase("Show {objects}", objects=objects)
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set or clear the bit on rows that are not deleted."""
@@ -52,7 +54,8 @@ class LockInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Lock instance 17``."""
-        return f"{'Lock' if self.locked else 'Unlock'} {describe_ids(self.ids)}"
+        objects = describe_ids(self.ids)
+        return phrase("Lock {objects}", objects=objects) if self.locked else phrase("Unlock {objects}", objects=objects)
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set or clear the bit on rows that are not deleted."""

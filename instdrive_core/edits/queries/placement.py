@@ -15,6 +15,7 @@ from instdrive_core.maths.activations import sigmoid
 from instdrive_core.scene.lane import estimate_street_direction, estimate_travel_direction
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity, extract_scale
+from instdrive_core.wording import phrase
 
 SOLID_OPACITY = 0.3
 """Fainter splats are neither ground nor the foot of anything."""
@@ -86,7 +87,14 @@ def find_ground_heights(
         if not np.isnan(heights).any():
             return heights
     place = places[np.isnan(heights)][0]
-    raise EditError(f"there is no ground within {RADII[-1]:g} m of x = {place[0]:.1f}, y = {place[1]:.1f}")
+    raise EditError(
+        phrase(
+            "there is no ground within {radius:g} m of x = {x:.1f}, y = {y:.1f}",
+            radius=RADII[-1],
+            x=place[0],
+            y=place[1],
+        )
+    )
 
 
 def _gather_background(

@@ -13,6 +13,7 @@ from instdrive_core.edits.queries.bake import bake_document, recount_table
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 
 def find_selected_rows(document: Document) -> Int[ndarray, " k"]:
@@ -45,10 +46,14 @@ def bake_actor(document: Document, node: int) -> Scene:
     """
     scene = document.scene
     if not 1 <= node <= len(scene.actors):
-        raise EditError(f"the scene has no actor {node}; it has {len(scene.actors)}, counted from 1")
+        raise EditError(
+            phrase("the scene has no actor {node}; it has {count}, counted from 1", node=node, count=len(scene.actors))
+        )
     rows = np.flatnonzero((scene.nodes == node) & ~document.state.find_mask(Flag.DELETED))
     if not len(rows):
-        raise EditError(f"nothing is left of actor {node}, the {scene.actors[node - 1].label}")
+        raise EditError(
+            phrase("nothing is left of actor {node}, the {label}", node=node, label=scene.actors[node - 1].label)
+        )
     part = bake_document(document, None, rows)
     nodes = np.zeros(len(part), np.uint16)
     return recount_table(

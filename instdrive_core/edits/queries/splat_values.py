@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.wording import phrase
 
 NEIGHBORS = 6
 """The distance to this neighbour says how alone a splat is."""
@@ -158,4 +159,4 @@ def _make_column_value(name: str) -> SplatValue:
     def compute(document: Document, viewing: Viewing) -> Float32[ndarray, " n"]:
         return document.scene.extra[name].astype(np.float32)
 
-    return SplatValue(f"column {name}", f"Column {name}", "", compute)
+    return SplatValue(f"column {name}", phrase("Column {name}", name=name), "", compute)

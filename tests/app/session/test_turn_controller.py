@@ -165,11 +165,11 @@ def test_the_dialog_says_what_will_happen_and_how_it_knows(session):
     assert "the direction 19° from −Y" in describe_turn(ASKEW, 0.01, scene)
     assert "0.01 times as large" in describe_turn(ASKEW, 0.01, scene)
     assert describe_turn(DOWN, 1.0, scene).endswith(
-        " The drives, the photos' cameras and the sky change with it. You can undo this."
+        " This changes with it: the drives, the photos' cameras, the sky. You can undo this."
     )
     parked = scene_from_gaussians(scene.gaussians)
-    assert " The sky changes with it." in describe_turn(DOWN, 1.0, replace(parked, sky=scene.sky))
-    assert " The photos' cameras change with it." in describe_turn(DOWN, 1.0, replace(parked, views=scene.views))
+    assert " This changes with it: the sky." in describe_turn(DOWN, 1.0, replace(parked, sky=scene.sky))
+    assert " This changes with it: the photos' cameras." in describe_turn(DOWN, 1.0, replace(parked, views=scene.views))
     assert describe_guess(None) == "Estimating which way is up…"
     session.orientation.guess_up()
     finish(session)

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 from document_snapshot import snapshot
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, PAVEMENT, WALL, parked_street
+from procedural_street import DRIVING_CAR, FIRST_CAR, procedural_street
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.frozen_copy import freeze_document
+from instdrive_core.edits.holes.shade import SceneLight
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.driving.ways import change_way, drive_instance
+from instdrive_core.edits.kinds.light.cast_shadows import find_put, measure_move, plan_shadows
 from instdrive_core.edits.kinds.light.lay_shadow import LayShadow, find_shadowed
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
@@ -180,3 +185,17 @@ def test_what_has_none_is_told(moved):
     assert snapshot(moved) == before
     for surface in (PAVEMENT, WALL):
         assert surface in moved.scene.table
+
+
+def test_what_leaves_its_way_later_gets_one_and_what_stays_gets_none():
+    document = Document(procedural_street())
+    track = document.scene.actors[document.scene.table[DRIVING_CAR].node - 1]
+    start = float(track.times[0])
+    edit = drive_instance(document.scene.table[DRIVING_CAR], change_way(track, "lane", 3.0, start))
+    document.apply(edit)
+    assert measure_move(document, DRIVING_CAR) > 0.5
+    (laid,) = plan_shadows(freeze_document(document), find_put(edit), SceneLight(), start)
+    assert laid == LayShadow(DRIVING_CAR, softness=0.2, time=start)
+    move = MoveInstances((FIRST_CAR,), (0.1, 0.0, 0.0))
+    document.apply(move)
+    assert plan_shadows(freeze_document(document), find_put(move), SceneLight(), start) == ()

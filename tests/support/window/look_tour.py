@@ -1,6 +1,7 @@
 """A tour through the editor's states in a window of a given size: where every widget is, and pictures of them.
 
-``python tests/support/window/look_tour.py OUT --size 1280 720 --scale 2 --pictures`` writes OUT/looks.json and a PNG
+``python tests/support/window/look_tour.py OUT --size 1280 720 --scale 2 --pictures`` writes OUT/looks.json,
+OUT/texts.json with all that was drawn, and a PNG
 per state.
 """
 
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from drawn_texts import record_texts
 from example_requests import fill_in, list_requests
 from imgui_bundle import imgui
 from PIL import Image
@@ -42,6 +44,7 @@ class Options:
     size: tuple[int, int] = (1280, 720)
     scale: float = 1.0
     theme: str = DEFAULT_THEME
+    language: str = "en"
     pictures: bool = False
     only: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """States to visit; default: all."""
@@ -176,7 +179,7 @@ class Tour:
         return tuple(i.id for i in document.scene.table if i.class_name == "Car") or document.find_visible_instances()
 
     def _front(self, panel: str) -> None:
-        imgui.set_window_focus(panel)
+        imgui.set_window_focus(f"###{panel}")
 
     def _click(self, mark: str) -> Iterator[None]:
         left, top, right, bottom = self._window.ui.marks[mark]
@@ -224,10 +227,12 @@ def main(options: Options) -> None:
     session, source = EditorSession(), find_sample_scene()
     scene = options.out / "street"
     (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
+    drawn = record_texts()
     with open_virtual_display(pixels):
-        window = EditorWindow(session, WindowOptions(options.size, remember_layout=False, scale=options.scale))
+        window = EditorWindow(session, WindowOptions(options.size, None, False, options.scale, options.language))
         tour = Tour(window, options, scene)
         window.run(lambda _: tour.play())
+    (options.out / "texts.json").write_text(json.dumps(sorted(drawn), ensure_ascii=False), encoding="utf-8")
     (options.out / "looks.json").write_text(json.dumps(tour.states), encoding="utf-8")
 
 

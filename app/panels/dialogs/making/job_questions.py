@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
+from instdrive_app.language.translation import make_label
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.making.job_controller import PANEL
 from instdrive_app.session.requests import AskLeaveJob, OfferJob, ShowPanel
+from instdrive_core.wording import phrase
 
 LEAVE_TITLE, OFFER_TITLE = "Training is running", "Unfinished training"
 
@@ -21,16 +23,17 @@ class LeaveJobDialog:
     def open(self, ui: Ui, request: AskLeaveJob) -> None:
         """Open it."""
         self._request = request
-        imgui.open_popup(LEAVE_TITLE)
+        imgui.open_popup(make_label(LEAVE_TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         request, making = self._request, ui.session.making
         if request is None or making.run is None:
             return
-        text = (
-            f"{making.run.name} is still being made. It can go on without the editor, which shows it again when it is "
-            "started next. Or stop it; it can go on later from where it is."
+        text = phrase(
+            "{name} is still being made. It can go on without the editor, which shows it again "
+            "when it is started next. Or stop it; it can go on later from where it is.",
+            name=making.run.name,
         )
 
         def stop() -> None:
@@ -54,7 +57,7 @@ class OfferJobDialog:
     def open(self, ui: Ui, request: OfferJob) -> None:
         """Open it."""
         self._request = request
-        imgui.open_popup(OFFER_TITLE)
+        imgui.open_popup(make_label(OFFER_TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
@@ -70,5 +73,8 @@ class OfferJobDialog:
             making.follow(request.run)
             ui.session.requests.put(ShowPanel(PANEL))
 
-        text = f"{request.run.name} is not finished. Nothing that was done is lost: it goes on from where it was."
+        text = phrase(
+            "{name} is not finished. Nothing that was done is lost: it goes on from where it was.",
+            name=request.run.name,
+        )
         draw_question(ui, OFFER_TITLE, text, {"Later": making.forget, "Show": show, "Go on": go_on})

@@ -10,12 +10,14 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.files.file_names import find_documents_folder, find_working_folder, is_displayable
 from instdrive_app.files.folder_listing import list_folder
+from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon
 from instdrive_app.preferences.themes import ERROR
 from instdrive_app.session.making.job_controller import SourceLook, find_out_problem
 from instdrive_app.session.requests import AskNewScene
+from instdrive_core.wording import phrase
 
 TITLE = "New from photos, video or a drive"
 VIDEO_ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
@@ -42,13 +44,13 @@ class NewSceneDialog:
         elif not self._source:
             self._source = f"{find_working_folder()}{os.path.sep}"
         self._typed_at, ui.session.making.look = 0.0, None
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         em = imgui.get_font_size()
         center_next_window(ImVec2(44 * em, 0))
-        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        if not imgui.begin_popup_modal(make_label(TITLE), None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         entered = self._draw_source(ui)
         source = Path(os.path.expanduser(self._source))
@@ -60,7 +62,7 @@ class NewSceneDialog:
         problem = self._find_problem(ui, source, out)
         if problem:
             imgui.push_text_wrap_pos(0)
-            imgui.text_colored(rgba(ERROR), problem)
+            imgui.text_colored(rgba(ERROR), translate(problem))
             imgui.pop_text_wrap_pos()
         is_ready = look is not None and look.source == source and look.is_ready and not look.problem
         if draw_confirm_buttons(ui, "Start", entered, is_ready and not problem):
@@ -69,7 +71,7 @@ class NewSceneDialog:
 
     def _draw_source(self, ui: Ui) -> bool:
         """The path, and the folders and videos beside it; returns whether Enter was pressed in the path."""
-        imgui.text("Folder of photos, video, or folder of a driving data set")
+        imgui.text(translate("Folder of photos, video, or folder of a driving data set"))
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
@@ -110,19 +112,19 @@ class NewSceneDialog:
         height = 9 * imgui.get_text_line_height_with_spacing()
         if imgui.begin_child("##facts", ImVec2(0, height)):
             if look is None:
-                draw_dim_text("Choose what the scene is to be made of.")
+                draw_dim_text(translate("Choose what the scene is to be made of."))
             elif not look.is_ready:
-                draw_dim_text(f"Looking at {look.source.name}…")
+                draw_dim_text(translate("Looking at {name}…", name=look.source.name))
             imgui.push_text_wrap_pos(0)
             if look is not None and look.title:
-                imgui.text(look.title)
+                imgui.text(translate(look.title))
                 ui.mark("new.found")
             for label, text in _order_facts(look.facts) if look is not None else ():
-                draw_dim_text(label.strip())
+                draw_dim_text(translate(label.strip()))
                 imgui.same_line(9 * imgui.get_font_size())
-                imgui.text(text)
+                imgui.text(translate(text))
             if look is not None and look.problem:
-                imgui.text_colored(rgba(ERROR), look.problem)
+                imgui.text_colored(rgba(ERROR), translate(look.problem))
                 ui.mark("new.problem")
             imgui.pop_text_wrap_pos()
         imgui.end_child()
@@ -130,18 +132,21 @@ class NewSceneDialog:
     def _draw_quality(self, ui: Ui) -> None:
         imgui.separator()
         for name, minutes in QUALITIES:
-            if imgui.radio_button(f"{name}, {minutes:.0f} min", self._minutes == minutes):
+            if imgui.radio_button(
+                make_label("{quality}, {minutes:.0f} min", f"quality {name}", quality=phrase(name), minutes=minutes),
+                self._minutes == minutes,
+            ):
                 self._minutes = minutes
             ui.mark(f"new.quality.{name}")
             imgui.same_line()
         imgui.set_next_item_width(6 * imgui.get_font_size())
-        changed, minutes = imgui.input_float("minutes", self._minutes, 0.0, 0.0, "%g")
+        changed, minutes = imgui.input_float(make_label("minutes"), self._minutes, 0.0, 0.0, "%g")
         ui.mark("new.minutes")
         if changed and LEAST_MINUTES <= minutes <= MOST_MINUTES:
             self._minutes = minutes
         draw_dim_text(
             fit_text(
-                "Some steps are timed on this machine first; then the minutes decide how long it trains.",
+                translate("Some steps are timed on this machine first; then the minutes decide how long it trains."),
                 imgui.get_content_region_avail().x,
             )
         )
@@ -150,7 +155,7 @@ class NewSceneDialog:
         """The folder of the run: proposed after the source until the user types another."""
         if self._out == self._proposed:
             self._out = self._proposed = str(_propose_folder(source))
-        imgui.text("Folder of the new scene")
+        imgui.text(translate("Folder of the new scene"))
         imgui.set_next_item_width(-1)
         _, self._out = imgui.input_text("##out", self._out)
         ui.mark("new.out")

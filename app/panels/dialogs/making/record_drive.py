@@ -9,6 +9,8 @@ from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.language.translation import make_label, translate
+from instdrive_app.messages import read_error
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
@@ -25,7 +27,7 @@ from instdrive_app.session.requests import AskRecord
 from instdrive_core.errors import OptionError
 from instdrive_core.recording.ego_path import parse_ego_change
 from instdrive_core.recording.plan import LARGEST, LEAST_WIDTH
-from instdrive_core.wording import format_count
+from instdrive_core.wording import format_count, phrase
 
 TITLE = "Record drive"
 WAYS: tuple[tuple[Way, str, str, float], ...] = (
@@ -48,29 +50,33 @@ class RecordDialog:
     def open(self, ui: Ui, request: AskRecord) -> None:
         """Open it with the last choice."""
         self._folder, self._choice = str(ui.session.recorder.propose_folder()), ui.session.recorder.choice
-        imgui.open_popup(TITLE)
+        imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         center_next_window(ImVec2(40 * imgui.get_font_size(), 0))
-        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        if not imgui.begin_popup_modal(make_label(TITLE), None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         views = ui.session.document.scene.views if ui.session.document is not None else ()
-        imgui.text("Folder")
+        imgui.text(translate("Folder"))
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
         entered, self._folder = imgui.input_text("##folder", self._folder, flags)
         ui.mark("record.folder")
-        draw_dim_text(f"{format_count(len(views), 'view')}: colour, masks, depth, 2D and 3D boxes")
+        draw_dim_text(
+            translate("{views}: colour, masks, depth, 2D and 3D boxes", views=format_count(len(views), "view"))
+        )
         imgui.spacing()
         self._draw_width(ui, views[0].camera.width if views else 0)
         self._draw_way(ui)
-        flow = imgui.checkbox("Optical flow", self._choice.flow)[1]
+        flow = imgui.checkbox(make_label("Optical flow"), self._choice.flow)[1]
         ui.mark("record.flow")
         imgui.same_line()
-        confidence = imgui.checkbox("Confidence maps", self._choice.confidence or self._choice.way != "own")[1]
+        confidence = imgui.checkbox(
+            make_label("Confidence maps"), self._choice.confidence or self._choice.way != "own"
+        )[1]
         ui.mark("record.confidence")
         if self._choice.way == "own":  # another way has them anyhow
             self._choice = replace(self._choice, confidence=confidence)
@@ -79,13 +85,15 @@ class RecordDialog:
         problem = self._find_problem(ui.session.recorder)
         imgui.push_text_wrap_pos(0)
         if problem:
-            imgui.text_colored(rgba(ERROR), problem)
+            imgui.text_colored(rgba(ERROR), translate(problem))
             ui.mark("record.problem")
         elif is_begun(self._folder):
-            draw_dim_text("Goes on with the recording in this folder, if the drive and these settings are the same.")
+            draw_dim_text(
+                translate("Goes on with the recording in this folder, if the drive and these settings are the same.")
+            )
             ui.mark("record.begun")
         else:
-            draw_dim_text("You can cancel at any moment, and go on later with the same folder and settings.")
+            draw_dim_text(translate("You can cancel at any moment, and go on later with the same folder and settings."))
         imgui.pop_text_wrap_pos()
         if draw_confirm_buttons(ui, "Record", entered, not problem):
             ui.session.recorder.begin(Path(os.path.expanduser(self._folder.strip())).absolute(), self._choice)
@@ -93,7 +101,7 @@ class RecordDialog:
 
     def _draw_width(self, ui: Ui, trained: int) -> None:
         imgui.set_next_item_width(7 * imgui.get_font_size())
-        changed, width = imgui.input_int("pixels wide", self._choice.width or trained, 0)
+        changed, width = imgui.input_int(make_label("pixels wide"), self._choice.width or trained, 0)
         ui.mark("record.width")
         if changed:
             self._choice = replace(self._choice, width=None if width == trained else width)
@@ -102,9 +110,9 @@ class RecordDialog:
         """The car's way, and its number."""
         way = next(entry for entry in WAYS if entry[0] == self._choice.way)
         imgui.set_next_item_width(13 * imgui.get_font_size())
-        if imgui.begin_combo("way of the car##way", way[1]):
+        if imgui.begin_combo(make_label("way of the car"), translate(way[1])):
             for name, title, _, amount in WAYS:
-                if imgui.selectable(title, name == way[0])[0]:
+                if imgui.selectable(make_label(title), name == way[0])[0]:
                     self._choice = replace(self._choice, way=name, amount=amount)
                 ui.mark(f"record.way.{name}")
             imgui.end_combo()
@@ -112,14 +120,14 @@ class RecordDialog:
         if way[2]:
             imgui.same_line()
             imgui.set_next_item_width(5 * imgui.get_font_size())
-            amount = imgui.input_float(f"{way[2]}##amount", self._choice.amount, 0.0, 0.0, "%g")[1]
+            amount = imgui.input_float(make_label(way[2], "amount"), self._choice.amount, 0.0, 0.0, "%g")[1]
             ui.mark("record.amount")
             if math.isfinite(amount):
                 self._choice = replace(self._choice, amount=amount)
 
     def _draw_layouts(self, ui: Ui) -> None:
         imgui.spacing()
-        imgui.text("Also in the layout of")
+        imgui.text(translate("Also in the layout of"))
         chosen = set(self._choice.layouts)
         for place, (name, title) in enumerate(LAYOUTS.items()):
             if place % _ROW:
@@ -134,10 +142,10 @@ class RecordDialog:
         if recorder.is_running:
             return "Another recording is still running"
         if width is not None and not LEAST_WIDTH <= width <= LARGEST:
-            return f"Pictures are from {LEAST_WIDTH} to {LARGEST} pixels wide"
+            return phrase("Pictures are from {least} to {largest} pixels wide", least=LEAST_WIDTH, largest=LARGEST)
         if "--ego" in arguments:
             try:
                 parse_ego_change(arguments[arguments.index("--ego") + 1])
             except OptionError as error:
-                return str(error)
+                return read_error(error)
         return find_folder_problem(self._folder)

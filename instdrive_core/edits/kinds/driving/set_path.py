@@ -14,6 +14,7 @@ from instdrive_core.edits.bases.poses import PoseEdit
 from instdrive_core.edits.bases.relabel import get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import EditError
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -35,13 +36,17 @@ class SetPath(PoseEdit):
     @property
     def title(self) -> str:
         """``Drive instance 17 another way`` or ``Park instance 17``."""
-        return f"Park instance {self.id}" if len(self.keys) == 1 else f"Drive instance {self.id} another way"
+        return (
+            phrase("Park instance {id}", id=self.id)
+            if len(self.keys) == 1
+            else phrase("Drive instance {id} another way", id=self.id)
+        )
 
     def do(self, document: Document) -> bool:
         """Replace the track; every instance of the actor goes along."""
         scene, node = document.scene, get_instance(document, self.id).node
         if not node:
-            raise EditError(f"instance {self.id} stands still; let it start driving instead")
+            raise EditError(phrase("instance {id} stands still; let it start driving instead", id=self.id))
         sharing = [entry.id for entry in scene.table if entry.node == node]
         check_unlocked(document, sharing)
         track = scene.actors[node - 1]

@@ -26,6 +26,7 @@ from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import bake_transforms, transform_gaussians
 from instdrive_core.scene.vehicle_path import sample_path
+from instdrive_core.wording import phrase
 
 
 @dataclass
@@ -47,7 +48,7 @@ class StartDriving(AppendEdit):
     @property
     def title(self) -> str:
         """``Let instance 17 drive``."""
-        return f"Let instance {self.id} drive"
+        return phrase("Let instance {id} drive", id=self.id)
 
     @property
     def shift(self) -> Vector:
@@ -58,7 +59,7 @@ class StartDriving(AppendEdit):
         """The rows that are neither deleted nor locked, in the axes of their box."""
         scene, entry = document.scene, get_instance(document, self.id)
         if entry.node:
-            raise EditError(f"instance {self.id} drives already; give it another way instead")
+            raise EditError(phrase("instance {id} drives already; give it another way instead", id=self.id))
         rows = find_editable_parts(document, (self.id,)).rows
         part = scene.gaussians.select(rows)
         bake_transforms(part, document.transforms, document.transforms.indices[rows])
@@ -84,7 +85,7 @@ class StartDriving(AppendEdit):
         """Pose of the box around the instance, y along the longer side towards which the way leads, and its size."""
         solid = np.flatnonzero(find_solid(sigmoid(part.opacity_logits)) & np.isfinite(part.means).all(axis=1))
         if not len(solid):
-            raise EditError(f"instance {self.id} has no splat whose place is a number")
+            raise EditError(phrase("instance {id} has no splat whose place is a number", id=self.id))
         shaping = solid[find_main_parts(part.means[solid].astype(np.float64))]
         axes = matrix_from_quaternion(normalize_quaternions(part.quats[shaping].astype(np.float64)))
         axes *= np.exp(part.log_scales[shaping].astype(np.float64))[:, None]

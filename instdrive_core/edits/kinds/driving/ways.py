@@ -22,6 +22,7 @@ from instdrive_core.scene.vehicle_path import (
     trace_way,
     turn_off,
 )
+from instdrive_core.wording import phrase
 
 Template = Literal["lane", "stop", "speed", "turn"]
 
@@ -31,7 +32,9 @@ def drive_instance(entry: Instance, keys: Sequence[PathKey]) -> Edit:
     way = describe_way(keys)
     if entry.node:
         return SetPath(entry.id, way)
-    return CompoundEdit((StartDriving(entry.id, way), DeleteInstances((entry.id,))), f"Let {entry.name} drive")
+    return CompoundEdit(
+        (StartDriving(entry.id, way), DeleteInstances((entry.id,))), phrase("Let {name} drive", name=entry.name)
+    )
 
 
 def change_way(track: Track, template: Template, amount: float, start: float) -> tuple[PathKey, ...]:

@@ -65,7 +65,7 @@ def plan_shadows(document: Document, put: Put, light: SceneLight, time: float) -
     steps: list[Edit] = []
     for number in known:
         wanted: Edit | None = None
-        if is_compact(table[number]) and (number in put.added or measure_move(document, number, time) >= LEAST_MOVE):
+        if is_compact(table[number]) and (number in put.added or measure_move(document, number) >= LEAST_MOVE):
             wanted = make_lay_shadow(number, light, time)
         if wanted is None or not _try(wanted, document):
             old = find_shadow_rows(document, number)
@@ -76,12 +76,14 @@ def plan_shadows(document: Document, put: Put, light: SceneLight, time: float) -
     return tuple(steps)
 
 
-def measure_move(document: Document, number: int, time: float) -> float:
-    """Measure how far along the ground an instance is from where it was trained, metres; at `time` for what drives."""
+def measure_move(document: Document, number: int) -> float:
+    """Measure how far along the ground an instance is from where it was trained, metres; of what drives, the farthest
+    it ever is."""
     entry = document.scene.table[number]
     if entry.node:
         now, then = document.scene.actors[entry.node - 1], document.get_first_track(entry.node)
-        return float(np.linalg.norm((now.interpolate_pose(time) - then.interpolate_pose(time))[:2, 3]))
+        times = np.unique(np.concatenate([now.times, then.times])).tolist()
+        return max(float(np.hypot(*(now.interpolate_pose(t) - then.interpolate_pose(t))[:2, 3])) for t in times)
     rows = document.find_rows((number,))
     move = document.transforms.get_move(int(np.bincount(document.transforms.indices[rows]).argmax()))
     here = np.array(entry.bounds).mean(axis=0)

@@ -1,0 +1,1 @@
+"""The language of the window: catalogues, the choice between them, and texts looked up in them."""
