@@ -68,6 +68,10 @@ COMMANDS = {
         "instdrive_core.cli.recording.simulate:simulate_drive",
         "Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.",
     ),
+    "serve": CliCommand(
+        "instdrive_core.cli.recording.serve:serve_drive",
+        "Answer a simulator's requests for cameras and LiDAR of the edited drive, over gRPC, until Ctrl+C.",
+    ),
     "info": CliCommand("instdrive_core.cli.info:print_info", "Print what a scene file or a driving clip holds."),
     "doctor": CliCommand(
         "instdrive_app.cli.doctor:doctor", "Print versions and the state of OpenGL and CUDA, and test a render."

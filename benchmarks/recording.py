@@ -10,6 +10,8 @@ the street itself, which is ray-traced again. `edit_psnr` is over the pixels tha
 (`edit_psnr_before`: over the same pixels without edits, what the scene reaches at all; `edit_psnr_trusted`: over
 those with a confidence of at least a half, `edit_trusted_share` of them; `edit_psnr_median_view`: of the median
 photo), `edit_mask_iou` the overlap of the moved cars' masks.
+
+`serve_ms` and its kin are what `benchmarks.serving` measures of the same run.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from numpy import ndarray
 
 from benchmarks.box_overlap import compute_box_iou
 from benchmarks.hole_streets import train_street
+from benchmarks.serving import measure_serving
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.synthetic.config import StreetConfig
@@ -99,7 +102,7 @@ def measure_recording(options: Options) -> dict[str, Any]:
         seconds = time.perf_counter() - started
         found = _measure_round_trip(folder / "recorded", drive, clip)
         found |= {"views": len(drive.views), "seconds_120_views": round(seconds * 120 / len(drive.views), 1)}
-        return found | _measure_edits(folder, document, clip, options.views)
+        return found | _measure_edits(folder, document, clip, options.views) | measure_serving(run)
 
 
 def _measure_round_trip(folder: Path, drive: Drive, clip: Clip) -> dict[str, Any]:

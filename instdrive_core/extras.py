@@ -9,6 +9,8 @@ EXTRAS = {
     "cv2": "train",
     "embreex": "train",
     "fsspec": "fleet",
+    "google": "serve",
+    "grpc": "serve",
     "gsplat": "cuda",
     "laspy": "clouds",
     "lazrs": "clouds",

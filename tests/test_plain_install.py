@@ -18,7 +18,13 @@ from wheel_of_checkout import PIP, ROOT, build_wheel, copy_sources, run
 from instdrive_core.extras import EXTRAS, explain_missing_module
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-IMPORT_NAMES = {"opencv-python-headless": "cv2", "scikit-image": "skimage", "usd-core": "pxr"}
+IMPORT_NAMES = {
+    "opencv-python-headless": "cv2",
+    "scikit-image": "skimage",
+    "usd-core": "pxr",
+    "grpcio": "grpc",
+    "protobuf": "google",
+}
 """Import names that differ from the distribution's."""
 SAMPLE = ROOT / "assets" / "sample_scene"
 EDIT_AND_EXPORT = """
@@ -113,6 +119,7 @@ def test_extras_are_those_of_the_project():
             "clouds",
             "video",
             "mcap",
+            "serve",
         )  # the later of two is named
         for requirement in map(Requirement, PROJECT["optional-dependencies"][extra])
         if requirement.name != "instdrive"
@@ -163,6 +170,7 @@ def test_runs_are_measured_without_extras(plain, module):
         (["demo", "--out", "demo"], "train"),
         (["train", "CLIP", "-o", "run"], "train"),
         (["fleet", "CLIP", "-o", "runs"], "fleet"),
+        (["serve", "CLIP"], "serve"),
         (["masks", "CLIP", "--source", "lidar"], "train"),
         (["masks", "CLIP", "--source", "import", "--from", "CLIP"], "train"),
         (["masks", "CLIP", "--source", "sam"], "sam"),

@@ -12,11 +12,13 @@ from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.errors import OptionError
 from instdrive_core.project.open import open_document
 from instdrive_core.project.sources import SceneSources
 from instdrive_core.recording.annotations import find_annotated_tracks
-from instdrive_core.recording.lidar import OWN, build_sweep_caster, choose_lidar
-from instdrive_core.recording.plan import RecordOptions, plan_rig_views, plan_views
+from instdrive_core.recording.lidar import OWN, Lidar, build_sweep_caster, choose_lidar
+from instdrive_core.recording.plan import RecordOptions, plan_camera_views, plan_rig_views, plan_views
+from instdrive_core.recording.shutter import RollingRig, build_rolling_rig
 from instdrive_core.recording.sweep_files import CastSweep
 from instdrive_core.recording.things import find_moves
 from instdrive_core.scene.camera import CameraView
@@ -59,6 +61,10 @@ class Drive:
     """Casts the LiDAR's sweep of a moment; None where none is recorded."""
     sensor: str = ""
     """Which LiDAR that is: another one makes another recording."""
+    rolling: RollingRig | None = None
+    """The cameras as they move while their lines are exposed; None where all lines are exposed at once."""
+    lidar: Lidar | None = None
+    """What `cast_sweep` casts, to be cast from anywhere."""
 
 
 def open_drive(path: Path, options: RecordOptions) -> Drive:
@@ -72,6 +78,8 @@ def open_drive(path: Path, options: RecordOptions) -> Drive:
 
 def take_drive(document: Document, options: RecordOptions) -> Drive:
     """Take a document as the drive that its edits make. Raises OptionError for options that do not fit."""
+    if options.shutter is not None and options.flow:
+        raise OptionError("optical flow is not known through a rolling shutter; leave out --flow or --shutter")
     edited = bake_document(document, to_read=True)
     views = plan_views(edited, options)
     annotated, note = (), ""
@@ -84,9 +92,25 @@ def take_drive(document: Document, options: RecordOptions) -> Drive:
     left = np.flatnonzero(~document.state.find_mask(Flag.DELETED))
     lidar = choose_lidar(options.lidar, None if is_turned else run, document.scene, left)
     cast_sweep = build_sweep_caster(edited, lidar, plan_rig_views(edited, options)) if lidar is not None else None
-    notes = tuple(each for each in (note, *(lidar.notes if lidar is not None else ())) if each)
+    own = {view.name for view in edited.views}
+    foreign = sorted({view.name for view in views} - own)
+    plain = ""
+    if options.exposed and foreign and edited.exposures is not None:
+        plain = f"the scene's own colours are recorded of {', '.join(foreign)}: no photo says how they expose"
+    notes = tuple(each for each in (note, plain, *(lidar.notes if lidar is not None else ())) if each)
     seen = Photographed(document.scene, left) if options.confidence or options.ego else None
     moves = find_moves(document)
     return Drive(
-        edited, views, moves, annotated, options.exposed, options.flow, seen, notes, cast_sweep, options.lidar or OWN
+        edited,
+        views,
+        moves,
+        annotated,
+        options.exposed,
+        options.flow,
+        seen,
+        notes,
+        cast_sweep,
+        options.lidar or OWN,
+        None if options.shutter is None else build_rolling_rig(options.shutter, plan_camera_views(edited, options)),
+        lidar,
     )

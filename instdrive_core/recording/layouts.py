@@ -64,7 +64,7 @@ def _write_pandaset_with_labels(folder: Path, out: Path) -> Path:
         for entry in manifest["instances"]
     }
     write_layout_file(opened / "labels" / "instances.json", json.dumps(facts).encode())
-    make_masks(load_clip(opened, ClipOptions()), "exact", opened / "masks")
+    make_masks(load_clip(str(opened), ClipOptions()), "exact", opened / "masks")
     return opened
 
 

@@ -86,25 +86,41 @@ def build_sweep_caster(scene: Scene, lidar: Lidar, views: Sequence[CameraView]) 
         key = (pattern.near, pattern.far)
         if key not in casters:
             casters[key] = RayCaster(scene, *key)
-        rays = pattern.aim(rig, moment)
-        returns = casters[key].cast(rays)
-        met = np.flatnonzero(np.isfinite(returns.ranges))
-        ranges = returns.ranges[met].astype(np.float64)
-        if pattern.noise:
-            ranges += make_generator(0, Stream.LIDAR_NOISE, step).normal(0, pattern.noise, len(met))
-        rows = returns.rows[met]
-        pose = np.eye(4)
-        places, turns = rig.place(np.array([moment]))
-        pose[:3, :3], pose[:3, 3] = turns[0], places[0] + turns[0] @ pattern.place
-        return MomentSweep(
-            points=(rays.origins[met] + ranges[:, None] * rays.directions[met]).astype(np.float32),
-            intensity=lidar.intensities[rows],
-            times=rays.times[met],
-            instances=scene.instance_ids[rows],
-            world_from_lidar=pose,
-        )
+        return cast_pattern(casters[key], pattern, rig, moment, lidar.intensities, step)
 
     return cast
+
+
+def cast_pattern(
+    caster: RayCaster, pattern: Pattern, rig: Rig, moment: float, intensities: Float32[ndarray, " n"], number: int
+) -> MomentSweep:
+    """Cast one sweep of a sensor; rays that meet nothing give no point.
+
+    Args:
+        caster: of the scene.
+        pattern: the sweep.
+        rig: carries the sensor.
+        moment: of the sweep, seconds.
+        intensities: by splat of the scene.
+        number: of the sweep; equal numbers give equal noise.
+    """
+    scene, rays = caster.scene, pattern.aim(rig, moment)
+    returns = caster.cast(rays)
+    met = np.flatnonzero(np.isfinite(returns.ranges))
+    ranges = returns.ranges[met].astype(np.float64)
+    if pattern.noise:
+        ranges += make_generator(0, Stream.LIDAR_NOISE, number).normal(0, pattern.noise, len(met))
+    rows = returns.rows[met]
+    pose = np.eye(4)
+    places, turns = rig.place(np.array([moment]))
+    pose[:3, :3], pose[:3, 3] = turns[0], places[0] + turns[0] @ pattern.place
+    return MomentSweep(
+        points=(rays.origins[met] + ranges[:, None] * rays.directions[met]).astype(np.float32),
+        intensity=intensities[rows],
+        times=rays.times[met],
+        instances=scene.instance_ids[rows],
+        world_from_lidar=pose,
+    )
 
 
 def _trace_own(clip: Clip, opened: Scene) -> Callable[[float], Pattern]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.errors import OptionError
 from instdrive_core.masks.export.id_maps import choose_views
+from instdrive_core.recording.camera_rig import mount_cameras, read_camera_rig
 from instdrive_core.recording.ego_path import EgoChange, reroute_views
+from instdrive_core.recording.shutter import Shutter
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 
@@ -42,24 +45,29 @@ class RecordOptions:
     """Whether confidence maps are recorded."""
     lidar: str | None = None
     """`own`, `none`, a sensor's name or a JSON file; None: the clip's own where its sweeps are at hand."""
+    shutter: Shutter | None = None
+    """How cameras expose their lines; None: all at once."""
+    rig: Path | None = None
+    """JSON file of the cameras that record; None: the drive's own."""
 
 
 def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
     """Plan the views that are recorded, by time step and then by camera, at the asked size.
 
     Raises OptionError where the scene keeps no photo cameras, a camera is unknown, no moment lies in the asked part, or
-    the size is unusable.
+    the size is unusable; DataError for a file of cameras that is wrong.
     """
-    views = choose_views(scene)
+    views = plan_camera_views(scene, options)
     names = tuple(dict.fromkeys(view.name for view in views))
     unknown = [name for name in options.cameras if name not in names]
     if unknown:
-        raise OptionError(f"the scene has no camera {unknown[0]!r}; it has {', '.join(names)}")
+        raise OptionError(
+            f"the {'scene' if options.rig is None else 'rig'} has no camera {unknown[0]!r}; it has {', '.join(names)}"
+        )
     asked = options.cameras or names
     times = {view.index: view.time for view in views}
     is_asked = build_range_test(ClipOptions(first_frame=options.first, last_frame=options.last), times)
-    moved = reroute_views(views, options.ego)
-    chosen = [view for view in moved if view.name in asked and is_asked(view.index)]
+    chosen = [view for view in views if view.name in asked and is_asked(view.index)]
     if not chosen:
         raise OptionError(f"no photo lies in the chosen part; there are the time steps {describe_steps(times)}")
     if options.width is not None and not LEAST_WIDTH <= options.width <= LARGEST:
@@ -70,8 +78,19 @@ def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
     return tuple(replace(view, camera=view.camera.scale(options.width / view.camera.width)) for view in chosen)
 
 
+def plan_camera_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
+    """Plan the views of the recording cameras at all moments, on the way that is recorded, in their own size.
+
+    Raises DataError for a file of cameras that is wrong.
+    """
+    views = plan_rig_views(scene, options)
+    if options.rig is None:
+        return views
+    return mount_cameras(options.rig, views, read_camera_rig(options.rig))
+
+
 def plan_rig_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
-    """Plan the views of all cameras at all moments, on the way that is recorded: where the rig is."""
+    """Plan the views of the drive's cameras at all moments, on the way that is recorded: where the car is."""
     return tuple(reroute_views(choose_views(scene), options.ego))
 
 

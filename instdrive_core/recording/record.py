@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ CONVENTIONS = {
     "flow": "pixels right and down to where the surface is in the camera's next picture, hidden there or not",
     "confidence": "share of the weight from splats that at least 2 training photos saw; 255 is all of it",
     "depth": "along the viewing axis; .png in millimetres (0 = nothing, 65535 = that or farther), .npz in metres",
+    "shutter": "where it is named, seconds from the first to the last line; time and pose are those of the middle one",
     "time": "seconds since the clip's first time step",
 }
 """Conventions that every manifest states."""
@@ -82,6 +84,7 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
         "confidence": drive.photographed is not None,
         "lidar": None if cast_sweep is None else drive.sensor,
         "views": [describe_view(view) for view in views],
+        **_describe_shutter(drive),
     }
     begun = check_folder(folder, plan)
     held = _lock_folder(folder)
@@ -96,7 +99,9 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
         _write_moments(folder, scene, views, things)
         if cast_sweep is not None:
             _record_sweeps(folder, views, cast_sweep)
-        manifest = _describe_recording(scene, views, things) | summarize_recording(folder, views)
+        manifest = (
+            _describe_recording(scene, views, things) | _describe_shutter(drive) | summarize_recording(folder, views)
+        )
         write_recording_report(folder, manifest)
         write_listing(folder / MANIFEST, manifest)
         return manifest
@@ -104,6 +109,11 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
         with suppress(OSError):  # Windows removes no open file
             (folder / LOCK).unlink()
         held.release()
+
+
+def _describe_shutter(drive: Drive) -> dict[str, Any]:
+    """What plan and manifest say of a rolling shutter; nothing where there is none."""
+    return {} if drive.rolling is None else {"shutter": asdict(drive.rolling.shutter)}
 
 
 def _lock_folder(folder: Path) -> FileLock:
@@ -135,7 +145,7 @@ def _record_views(folder: Path, drive: Drive, missing: Sequence[CameraView], thi
     with report_span(0.0, _COUNTING if drive.photographed is not None else 0.0):
         trusted = _find_trusted(drive)
     groups, classes = label_groups(things, len(scene)), number_classes(scene)
-    recorder = ViewRecorder(scene, things, groups, classes, drive.exposed, trusted)
+    recorder = ViewRecorder(scene, things, groups, classes, drive.exposed, trusted, drive.rolling)
     following = _list_following(views) if drive.flow else {}
     with report_span(_COUNTING if drive.photographed is not None else 0.0, 1.0):
         _draw_views(folder, recorder, missing, len(views), following)

@@ -11,10 +11,13 @@ from jaxtyping import Bool, Float32, Int32, UInt8, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.masks.export.coco_panoptic import measure_segments
+from instdrive_core.rasterize.preview import Preview
+from instdrive_core.rasterize.rolling_shutter import skew_scene, view_skewed
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.rasterize.silhouettes import Silhouettes, measure_silhouettes
 from instdrive_core.recording.confidence import ConfidenceFacts, draw_confidence, summarize_confidence
 from instdrive_core.recording.flow import FlowField, compute_flow
+from instdrive_core.recording.shutter import RollingRig
 from instdrive_core.recording.things import Thing
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.exposure import apply_exposure
@@ -66,11 +69,12 @@ class ViewRecorder:
     """Whether colours get the exposures of the training photos."""
     trusted: Bool[ndarray, " n"] | None = None
     """Splats that enough photos saw; None where no confidence is asked for."""
+    rolling: RollingRig | None = None
+    """The cameras as they move while their lines are exposed; None where all lines are exposed at once."""
 
     def record(self, view: CameraView, following: CameraView | None = None) -> RecordedView:
         """Record what a camera shows of the scene at the view's time, with the flow to the `following` view."""
-        scene = self.scene
-        shown = view_scene(scene, view.camera, view.time)
+        scene, shown = self._view(view)
         color = shown.color
         if self.exposed and scene.exposures is not None:
             color = apply_exposure(color, scene.exposures.interpolate(view.name, view.time))
@@ -93,6 +97,14 @@ class ViewRecorder:
             confidence=confidence,
             confidence_facts=None if confidence is None else summarize_confidence(confidence, covered),
         )
+
+    def _view(self, view: CameraView) -> tuple[Scene, Preview]:
+        """The scene as the view's lines see it, and its picture."""
+        if self.rolling is None:
+            return self.scene, view_scene(self.scene, view.camera, view.time)
+        camera = self.rolling.roll(view)
+        skewed = skew_scene(self.scene, camera)
+        return skewed, view_skewed(skewed, camera)
 
 
 def _describe_objects(

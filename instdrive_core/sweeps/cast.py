@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -77,6 +78,12 @@ class RayCaster:
         self._log_scales = np.maximum(gaussians.log_scales[self._rows], np.float32(-12))
         self._nodes = scene.nodes[self._rows]
         self._matrices = whiten(self._quats, self._log_scales)
+
+    def with_posed(self, scene: Scene) -> RayCaster:
+        """Return a caster into the same Gaussians with other tracks or nodes; nothing is computed again."""
+        posed = copy.copy(self)
+        posed.scene, posed._nodes = scene, scene.nodes[self._rows]
+        return posed
 
     def cast(self, rays: LidarRays) -> Returns:
         """Cast rays; groups that are near in place and time are cast together."""

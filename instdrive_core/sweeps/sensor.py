@@ -37,6 +37,14 @@ SENSORS: Mapping[str, Mapping[str, Any]] = {
         "range_m": [0.5, 120],
         "noise_m": 0.02,
     },
+    "PANDAR128": {
+        "beams": 128,
+        "field_deg": [-25, 15],
+        "columns": 1800,
+        "rate_hz": 10,
+        "range_m": [0.3, 200],
+        "noise_m": 0.02,
+    },
 }
 """Beams and ranges as makers state them; beams are taken to be even apart."""
 _MOST_RAYS = 4_000_000

@@ -17,6 +17,7 @@ from instdrive_core.recording.layouts import write_recorded_layout
 from instdrive_core.recording.plan import RecordOptions
 from instdrive_core.recording.record import record_drive
 from instdrive_core.recording.report import describe_confidence
+from instdrive_core.recording.shutter import parse_shutter
 from instdrive_core.wording import format_count
 
 Layout = Literal[
@@ -49,6 +50,8 @@ def simulate_drive(
     flow: bool = False,
     confidence: bool = False,
     lidar: str | None = None,
+    shutter: str | None = None,
+    rig: Path | None = None,
     progress: Literal["bar", "lines"] = "bar",
 ) -> None:
     """Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.
@@ -68,14 +71,21 @@ def simulate_drive(
         flow: Record optical flow, too.
         confidence: Record how far each pixel can be trusted, too; on by itself where the car's way is changed.
         lidar: The sensor whose sweeps are recorded, too: own (as the clip's sweeps show it), VLP-16, HDL-64E, OS1-128,
-            a JSON file that describes one, or none. Default: own, where the run's clip has sweeps.
+            PANDAR128, a JSON file that describes one, or none. Default: own, where the run's clip has sweeps.
+        shutter: Record through a rolling shutter: seconds from a picture's first to its last line, such as 0.03; with
+            0.03@left the exposed line goes to the left (down, up, left, right; default: down).
+        rig: JSON file of the cameras that record instead of the drive's own: those kept, moved or given other lenses,
+            and new ones.
         progress: How progress is shown: as a bar, or in lines `progress 0.25` for other programs.
         layout: Write the recording in layouts of data sets, too, each into OUT/layouts/NAME.
         expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.
     """
     changes = tuple(parse_ego_change(text) for text in (*ego, *(() if shift is None else (f"shift={shift:g}",))))
     part = _read_moment(first), _read_moment(last)
-    drive = open_drive(scene, RecordOptions(cameras, *part, width, expose, flow, changes, confidence, lidar))
+    rolling = None if shutter is None else parse_shutter(shutter)
+    drive = open_drive(
+        scene, RecordOptions(cameras, *part, width, expose, flow, changes, confidence, lidar, rolling, rig)
+    )
     for note in drive.notes:
         print(note)
     show = show_share if progress == "bar" else _print_share
