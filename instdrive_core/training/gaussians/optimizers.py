@@ -99,11 +99,12 @@ def _step_touched(optimizer: VisibleAdam, parameters: dict[str, Tensor], decay: 
     if not gradients:
         return
     touched = torch.stack([grad.flatten(1).ne(0).any(dim=1) for grad in gradients.values()]).any(dim=0)
-    rows = torch.nonzero(touched)[:, 0]
-    optimizer.step(rows, {name: grad[rows] for name, grad in gradients.items()}, None)
+    optimizer.step(torch.arange(len(touched), device=touched.device), gradients, touched)
+    if not decay:
+        return
     with torch.no_grad():
         for value in parameters.values():
-            value[rows] -= decay * value[rows]
+            value -= torch.where(touched[:, None], decay * value, 0)
 
 
 def _within(tensors: dict[str, Tensor], group: str) -> dict[str, Tensor]:

@@ -8,7 +8,7 @@ import weakref
 import numpy as np
 import pytest
 import torch
-from torch_splatting import GPU, TorchSplatting, backend_of
+from torch_splatting import GPU, TorchSplatting, TorchSplatting16, backend_of
 
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.training.backends.backend import SeenSplats
@@ -219,3 +219,17 @@ def test_the_stand_in_clips_alpha_as_its_version_does(kind: str, largest: float)
     rows = ([[0.0, 0.0, 4.0]], [[1.0, 0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [12.0], [[1.0]])
     _, _, alpha = backend_of(kind).rasterize(*(torch.tensor(row) for row in rows), on_axis, 1)
     assert float(alpha[8, 8]) == pytest.approx(largest, abs=1e-5)
+
+
+def test_tiles_are_listed_by_ellipses_where_gsplat_knows_them() -> None:
+    """Long thin splats across the picture: from 1.6 on, tiles of their boxes that they do not reach are left out."""
+    library = TorchSplatting16()
+    p = parameters(GsplatBackend(torch.device("cpu"), library))
+    with torch.no_grad():
+        p["log_scales"] += torch.tensor([1.5, -1.5, -1.5])
+    with_ellipses = GsplatBackend(torch.device("cpu"), library).rasterize(*(p[name] for name in NAMES), CAMERA, 3)
+    by_boxes = TorchSplatting(holder=True)
+    expected = GsplatBackend(torch.device("cpu"), by_boxes).rasterize(*(p[name] for name in NAMES), CAMERA, 3)
+    assert library.listed < library.boxed
+    for found, wanted in zip(with_ellipses, expected, strict=True):
+        torch.testing.assert_close(found, wanted)
