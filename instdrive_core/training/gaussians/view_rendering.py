@@ -77,11 +77,12 @@ def find_rows_of_view(
     model: SceneModel, backend: Backend, poses: NodePoses, camera: Camera
 ) -> tuple[Int64[Tensor, " v"], Nodes]:
     """Find the rows that may be seen, and the node of each. On a GPU both stay there; their number is read from it."""
-    tensors = [model.parameters[name].detach() for name in ("means", "log_scales", "opacity_logits")]
+    names = ("means", "log_scales", "opacity_logits")
+    means, log_scales, logits = (model.parameters[name].detach() for name in names)
     if not backend.uses_kernels:
         background = int(np.searchsorted(model.nodes, 1))
         nodes = model.copy_nodes_to(backend.device)
-        return find_rows_on_device(*tensors, nodes, background, poses.matrices, poses.present, camera)
-    arrays = [tensor.numpy() for tensor in tensors]
+        return find_rows_on_device(means, log_scales, logits, nodes, background, poses.matrices, poses.present, camera)
+    arrays = means.numpy(), log_scales.numpy(), logits.numpy()
     rows = find_rows_in_view(*arrays, model.nodes, poses.matrices, poses.present, camera)
     return torch.from_numpy(rows), model.nodes[rows]

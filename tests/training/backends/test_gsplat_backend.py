@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import weakref
 
 import numpy as np
@@ -233,3 +234,40 @@ def test_tiles_are_listed_by_ellipses_where_gsplat_knows_them() -> None:
     assert library.listed < library.boxed
     for found, wanted in zip(with_ellipses, expected, strict=True):
         torch.testing.assert_close(found, wanted)
+
+
+PROJECTION = (
+    "(means, covars, quats, scales, viewmats, Ks, width, height, eps2d=0.3, near_plane=0.01, far_plane=10000000000.0, "
+    "radius_clip=0.0, packed=False, sparse_grad=False, calc_compensations=False, camera_model='pinhole', "
+    "opacities=None)"
+)
+TILES = (
+    "(means2d, radii, depths, tile_size, tile_width, tile_height, sort=True, segmented=False, packed=False, "
+    "n_images=None, image_ids=None, gaussian_ids=None{})"
+)
+OFFSETS = "(isect_ids, n_images, tile_width, tile_height)"
+PIXELS = (
+    "(means2d, conics, colors, opacities, image_width, image_height, tile_size, isect_offsets, flatten_ids, "
+    "backgrounds=None, masks=None, packed=False, absgrad=False)"
+)
+SIGNATURES = {
+    version: {
+        "fully_fused_projection": PROJECTION,
+        "isect_tiles": TILES.format(of_tiles),
+        "isect_offset_encode": OFFSETS,
+        "rasterize_to_pixels": PIXELS,
+    }
+    for version, of_tiles in {"1.5.3": "", "1.6.0": ", conics=None, opacities=None"}.items()
+}
+"""Those of gsplat's `gsplat/cuda/_wrapper` in both versions, without annotations."""
+
+
+@pytest.mark.parametrize("kind", ["like 1.5", "like 1.6", GPU])
+def test_calls_are_made_as_gsplat_wants_them(kind: str) -> None:
+    """The stand-in takes what the real versions take, and nothing else; a gsplat that changes shows here."""
+    library = backend_of(kind)._library
+    expected = SIGNATURES["1.6.0" if library.__version__ >= "1.6" else "1.5.3"]
+    for name, signature in expected.items():
+        found = inspect.signature(getattr(library, name))
+        plain = [value.replace(annotation=inspect.Parameter.empty) for value in found.parameters.values()]
+        assert str(inspect.Signature(plain)) == signature, name
