@@ -158,11 +158,11 @@ class Trainer:
         if joint:
             terms |= compute_terms(INSTANCE_TERMS, self._sample_joint_pixels(view, drawn))
 
-        values = self._backward(terms)
+        values, psnr = self._backward(terms, step.psnr)
         if not coarse:
             self._descend_camera(number, camera, drawn)
         self._descend(drawn)
-        return values, step.psnr
+        return values, psnr
 
     def instance_step(self) -> tuple[dict[str, float], None]:
         """One view's sampled pixels, features only: F_pix = W F with the cached weights of the frozen geometry."""
@@ -175,7 +175,7 @@ class Trainer:
             leaf = gather_rows(self.model.parameters["features"], view.rows).requires_grad_(True)
             step.features, step.segments = blend_features(leaf, view), view.segments
             seen = (view.rows, leaf)
-        values = self._backward(compute_terms(INSTANCE_TERMS, step))
+        values, _ = self._backward(compute_terms(INSTANCE_TERMS, step))
         self._descend_features(None if seen is None or seen[1].grad is None else (seen[0], seen[1].grad, None))
         return values, None
 
@@ -199,15 +199,20 @@ class Trainer:
         segments = segments_from_labels(labels)
         return InstanceStep(self.config, self.iteration, self.model, Stream.JOINT_VOXELS, features, segments)
 
-    def _backward(self, terms: dict[str, Tensor]) -> dict[str, float]:
-        values = {name: float(term.detach()) for name, term in terms.items()}
+    def _backward(
+        self, terms: dict[str, Tensor], psnr: Tensor | float = float("nan")
+    ) -> tuple[dict[str, float], float]:
+        """Descend from all terms; their values and the PSNR are read from the device together, which waits once."""
+        scalars = [*(term.detach() for term in terms.values()), torch.as_tensor(psnr, dtype=torch.float64)]
+        *read, read_psnr = torch.stack([scalar.to(self.backend.device).double() for scalar in scalars]).tolist()
+        values = dict(zip(terms, read, strict=True))
         for name, value in values.items():
             if not np.isfinite(value):
                 raise self._describe_divergence(f"{name} loss is {value}")
         graphs = [term for term in terms.values() if term.requires_grad]
         if graphs:
             torch.stack([term.to(self.backend.device) for term in graphs]).sum().backward()
-        return values
+        return values, read_psnr
 
     def _descend(self, drawn: RenderedView) -> None:
         optimizers, gradients = self.optimizers, drawn.gradients()

@@ -23,7 +23,7 @@ def backend_of(kind: str) -> GsplatBackend:
     """`like 1.5` and `like 1.6`: on the stand-in, where `absgrad` and the largest alpha differ; `gsplat`: the real one,
     or a skip."""
     if kind != "gsplat":
-        return GsplatBackend(torch.device("cpu"), TorchSplatting(holder=kind == "like 1.6"))
+        return GsplatBackend(torch.device("cpu"), TorchSplatting16() if kind == "like 1.6" else TorchSplatting())
     missing = explain_missing_cuda()
     if missing is not None:
         pytest.skip(missing)
@@ -167,6 +167,54 @@ class TorchSplatting:
         if absgrad and self.holder:
             means2d.absgrad = torch.zeros_like(means2d)
         return _Blend.apply(means2d, conics, colors, opacities, place, absgrad, self.holder)
+
+
+class TorchSplatting16(TorchSplatting):
+    """What `import gsplat` gives from 1.6 on: tiles are listed by ellipses where these are given."""
+
+    __version__ = "1.6.0"
+
+    def __init__(self) -> None:
+        super().__init__(holder=True)
+
+    @torch.no_grad()
+    def isect_tiles(
+        self,
+        means2d,
+        radii,
+        depths,
+        tile_size,
+        tile_width,
+        tile_height,
+        sort=True,
+        segmented=False,
+        packed=False,
+        n_images=None,
+        image_ids=None,
+        gaussian_ids=None,
+        conics=None,
+        opacities=None,
+    ):
+        boxes = (means2d, radii, depths, tile_size, tile_width, tile_height)
+        counts, keys, splats = super().isect_tiles(*boxes, sort, segmented, packed, n_images, image_ids, gaussian_ids)
+        self.boxed = len(keys)
+        if conics is not None and opacities is not None and len(keys):
+            assert (conics.shape, opacities.shape) == ((1, depths.shape[1], 3), (1, depths.shape[1]))
+            kept = self._reaches(keys >> 32, splats.long(), means2d[0], conics[0], opacities[0], tile_size, tile_width)
+            keys, splats = keys[kept], splats[kept]
+        self.listed = len(keys)
+        return counts, keys, splats
+
+    @staticmethod
+    def _reaches(tiles, splats, means, conics, opacities, size, columns):
+        """Whether a Gaussian is visible at a point of its tile; sampled densely, hence with a margin."""
+        offsets = torch.linspace(0, size, 4 * size + 1)
+        x = (tiles % columns * size)[:, None] + offsets - means[splats, 0, None]
+        y = (tiles // columns * size)[:, None] + offsets - means[splats, 1, None]
+        a, b, c = conics[splats, :, None, None].unbind(1)
+        dx, dy = x[:, None, :], y[:, :, None]
+        power = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy
+        return opacities[splats] * torch.exp(-power.amin(dim=(1, 2))) * 1.05 >= MIN_ALPHA
 
 
 class _Blend(torch.autograd.Function):

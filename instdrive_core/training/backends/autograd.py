@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 import torch
-from jaxtyping import Float, Float64, UInt16
+from jaxtyping import Float, Float64
 from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
@@ -18,7 +18,7 @@ from instdrive_core.rasterize.kernels.view_colors import (
 )
 from instdrive_core.rasterize.render import RasterGradients, render, render_backward
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.backends.backend import SeenSplats
+from instdrive_core.training.backends.backend import Nodes, NodesOnDevice, SeenSplats
 
 
 def rasterize(
@@ -45,10 +45,11 @@ def evaluate_harmonics(
     sh_dc: Float[Tensor, "v 3"],
     sh_rest: Float[Tensor, "v k 3"],
     camera_position: Float64[ndarray, "3"],
-    nodes: UInt16[ndarray, " v"] | None = None,
+    nodes: Nodes | None = None,
     poses: Float64[ndarray, "m 4 4"] | None = None,
 ) -> Float[Tensor, "v 3"]:
     """Differentiable `kernels.view_colors.compute_colors`; gradients reach `sh_dc` and `sh_rest`, not the means."""
+    assert not isinstance(nodes, NodesOnDevice), "kernels take arrays"
     return _ViewColors.apply(means, sh_dc, sh_rest, camera_position, nodes, poses)
 
 

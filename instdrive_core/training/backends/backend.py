@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Bool, Float, Float64, Int, UInt8, UInt16
+from jaxtyping import Bool, Float, Float64, Int, Int64, UInt8, UInt16
 from numpy import ndarray
 from torch import Tensor
 
@@ -24,6 +24,20 @@ class SeenSplats:
     """Whether the splat reaches a pixel."""
     gradients: Float[Tensor, " v"] | None = None
     """Length of (Σ|∂L/∂x|, Σ|∂L/∂y|) over pixels, for screen coordinates in [-1, 1] along the longer side (AbsGS)."""
+
+
+@dataclass(frozen=True)
+class NodesOnDevice:
+    """Which node each of v rows lies in, rising, for a backend without kernels: nothing is read from its device."""
+
+    of_rows: Int64[Tensor, " v"]
+    """On the backend's device."""
+    background: int
+    """How many rows, the first ones, lie in node 0, the world."""
+
+
+Nodes = UInt16[ndarray, " v"] | NodesOnDevice
+"""Nodes of v rows: an array for the CPU's kernels; plain torch takes both."""
 
 
 @runtime_checkable
@@ -59,7 +73,7 @@ class Backend(Protocol):
         sh_dc: Float[Tensor, "v 3"],
         sh_rest: Float[Tensor, "v k 3"],
         camera_position: Float64[ndarray, "3"],
-        nodes: UInt16[ndarray, " v"] | None = None,
+        nodes: Nodes | None = None,
         poses: Float64[ndarray, "m 4 4"] | None = None,
     ) -> Float[Tensor, "v 3"]:
         """Colours seen from a camera; actors' harmonics turn with their node. No gradient into the means."""
@@ -69,7 +83,7 @@ class Backend(Protocol):
         self,
         means: Float[Tensor, "v 3"],
         quats: Float[Tensor, "v 4"],
-        nodes: UInt16[ndarray, " v"],
+        nodes: Nodes,
         rotations: Float[Tensor, "m 3 3"],
         shifts: Float[Tensor, "m 3"],
     ) -> tuple[Float[Tensor, "v 3"], Float[Tensor, "v 4"]]:
@@ -112,10 +126,11 @@ class Backend(Protocol):
         target: UInt8[ndarray, "h w 3"],
         valid: Bool[ndarray, "h w"] | None,
         ssim_weight: float,
-    ) -> tuple[Float[Tensor, ""], float]:
+    ) -> tuple[Float[Tensor, ""], Float[Tensor, ""] | float]:
         """(1 - w) L1 + w (1 - SSIM), and the PSNR in dB of the image clamped to [0, 1].
 
-        The loss is averaged over the whole image, invalid pixels counting as equal; the PSNR is that of valid pixels.
+        The loss is averaged over the whole image, invalid pixels counting as equal; the PSNR is that of valid pixels,
+        a tensor where a number would have to be waited for.
         """
         ...
 

@@ -8,6 +8,7 @@ docs/gpu.md.
 from __future__ import annotations
 
 import importlib
+import inspect
 from dataclasses import dataclass
 from itertools import compress
 from typing import Any
@@ -188,7 +189,11 @@ def _project(
 @torch.no_grad()
 def _list_tiles(library: Any, projected: _Projected, camera: Camera) -> _Tiles:
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
-    _, keys, splats = library.isect_tiles(projected.means, projected.radii, projected.depths, TILE, columns, rows)
+    boxes = projected.means, projected.radii, projected.depths
+    # gsplat 1.6 leaves out the tiles of a box that its ellipse does not reach.
+    knows_ellipses = {"conics", "opacities"} <= inspect.signature(library.isect_tiles).parameters.keys()
+    ellipses = {"conics": projected.conics, "opacities": projected.opacities} if knows_ellipses else {}
+    _, keys, splats = library.isect_tiles(*boxes, TILE, columns, rows, **ellipses)
     return _Tiles(library.isect_offset_encode(keys, 1, columns, rows).reshape(1, rows, columns), splats)
 
 

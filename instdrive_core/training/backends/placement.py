@@ -17,6 +17,7 @@ from torch.autograd.function import once_differentiable
 
 from instdrive_core.maths.rotations import multiply_quaternions, quaternion_from_matrix
 from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.training.backends.backend import Nodes, NodesOnDevice
 
 _CHUNK = 1 << 10
 _CONJUGATE = np.array([1, -1, -1, -1], np.float32)
@@ -25,7 +26,7 @@ _CONJUGATE = np.array([1, -1, -1, -1], np.float32)
 def place_gaussians(
     means: Float[Tensor, "v 3"],
     quats: Float[Tensor, "v 4"],
-    nodes: UInt16[ndarray, " v"],
+    nodes: Nodes,
     rotations: Float[Tensor, "m 3 3"],
     shifts: Float[Tensor, "m 3"],
 ) -> tuple[Float[Tensor, "v 3"], Float[Tensor, "v 4"]]:
@@ -34,6 +35,7 @@ def place_gaussians(
     Raises:
         ValueError: rows are not ordered by node.
     """
+    assert not isinstance(nodes, NodesOnDevice), "kernels take arrays"
     starts = _starts_of_nodes(nodes, len(rotations))
     if starts[1] == len(nodes):
         return means, quats

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Float64, Int, Int64, UInt8, UInt16
+from jaxtyping import Bool, Float, Float64, Int, Int64, UInt8
 from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
@@ -16,6 +16,7 @@ from torch.autograd.function import once_differentiable
 from instdrive_core.maths.spherical_harmonics import Y0
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import extract_node_rotations
+from instdrive_core.training.backends.backend import Nodes, NodesOnDevice
 
 _SHOWS = 1 / 1024
 """Pixels that let less light through than this show no sky, as in `rasterize.kernels.sky_behind`."""
@@ -30,27 +31,40 @@ _C1, _C2 = 0.01**2, 0.03**2
 
 
 def to_device(array: ndarray, device: torch.device) -> Tensor:
-    """The array as a tensor there; shares its memory on the CPU where the array may be written."""
-    return torch.from_numpy(np.require(array, requirements=["C", "W"])).to(device)
+    """The array as a tensor there; shares its memory on the CPU where the array may be written.
+
+    On its way to a GPU it goes through pinned memory, so that nobody waits for what the GPU has still to do.
+    """
+    tensor = torch.from_numpy(np.require(array, requirements=["C", "W"]))
+    return tensor.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else tensor.to(device)
+
+
+def put_nodes_on(nodes: Nodes, device: torch.device) -> NodesOnDevice:
+    """Nodes as plain torch takes them."""
+    if isinstance(nodes, NodesOnDevice):
+        return nodes
+    moved = np.flatnonzero(nodes)
+    background = int(moved[0]) if len(moved) else len(nodes)
+    return NodesOnDevice(to_device(nodes.astype(np.int64), device), background)
 
 
 def place_gaussians(
     means: Float[Tensor, "v 3"],
     quats: Float[Tensor, "v 4"],
-    nodes: UInt16[ndarray, " v"],
+    nodes: Nodes,
     rotations: Float[Tensor, "m 3 3"],
     shifts: Float[Tensor, "m 3"],
 ) -> tuple[Float[Tensor, "v 3"], Float[Tensor, "v 4"]]:
     """See `Backend.place_gaussians`. Quaternions are chosen among four candidates, as in `maths.rotations`."""
-    moved = np.flatnonzero(nodes)
-    if not len(moved):
+    places = put_nodes_on(nodes, means.device)
+    still, which = places.background, places.of_rows[places.background :]
+    if not len(which):
         return means, quats
-    rows, which = to_device(moved, means.device), to_device(nodes[moved].astype(np.int64), means.device)
-    own_means, own_quats = means.index_select(0, rows), quats.index_select(0, rows)
+    own_means, own_quats = means[still:], quats[still:]
     # Indexing by `which`, not index_select: its backward pass adds duplicates in fixed order on a GPU too.
     placed_means = (rotations[which] * own_means[:, None, :]).sum(dim=2) + shifts[which]
     placed_quats = _multiply_quaternions(quaternions_from_matrices(rotations)[which], own_quats)
-    return means.index_copy(0, rows, placed_means), quats.index_copy(0, rows, placed_quats)
+    return torch.cat([means[:still], placed_means]), torch.cat([quats[:still], placed_quats])
 
 
 def sum_rigid_gradient(
@@ -105,7 +119,7 @@ def evaluate_harmonics(
     sh_dc: Float[Tensor, "v 3"],
     sh_rest: Float[Tensor, "v k 3"],
     camera_position: Float64[ndarray, "3"],
-    nodes: UInt16[ndarray, " v"] | None = None,
+    nodes: Nodes | None = None,
     poses: Float64[ndarray, "m 4 4"] | None = None,
 ) -> Float[Tensor, "v 3"]:
     """See `Backend.evaluate_harmonics`. Colours are clamped at 0; channels that are send no gradient back."""
@@ -115,8 +129,10 @@ def evaluate_harmonics(
             directions = means - to_device(camera_position.astype(np.float32), means.device)
             if nodes is not None and poses is not None and len(poses) > 1:
                 turns = to_device(extract_node_rotations(poses).astype(np.float32), means.device)
-                which = to_device(nodes.astype(np.int64), means.device)
-                directions = (turns[which] * directions[:, :, None]).sum(dim=1)  # Rᵀ d
+                places = put_nodes_on(nodes, means.device)
+                still, which = places.background, places.of_rows[places.background :]
+                turned = (turns[which] * directions[still:, :, None]).sum(dim=1)  # Rᵀ d
+                directions = torch.cat([directions[:still], turned])
             length = directions.square().sum(dim=1, keepdim=True).clamp_min(1e-12).sqrt()
             basis = evaluate_basis(directions / length, sh_rest.shape[1])
         colors = colors + (basis[:, :, None] * sh_rest).sum(dim=1)
@@ -204,15 +220,17 @@ def photometric_loss(
     target: UInt8[ndarray, "h w 3"],
     valid: Bool[ndarray, "h w"] | None,
     ssim_weight: float,
-) -> tuple[Float[Tensor, ""], float]:
+) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
     """See `Backend.photometric_loss`. Pixels that are not valid count as equal: they add to neither term."""
     wanted = to_device(target, image.device).to(image.dtype) / 255
     mask = None if valid is None else to_device(valid, image.device)
     with torch.no_grad():
         squared = (image.clamp(0, 1) - wanted).square()
-        squared = squared if mask is None else squared[mask]
-        error = squared.sum() / max(squared.numel(), 1)
-        psnr = float(-10 * torch.log10(error.clamp_min(1e-10)))
+        if mask is None:
+            error = squared.sum() / max(squared.numel(), 1)
+        else:
+            error = torch.where(mask[:, :, None], squared, 0).sum() / (3 * mask.sum()).clamp_min(1)
+        psnr = -10 * torch.log10(error.clamp_min(1e-10))
     compared = image if mask is None else torch.where(mask[:, :, None], image, wanted)
     return _Photometric.apply(compared, wanted, ssim_weight), psnr
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt16
+from jaxtyping import Float, Int32, UInt16
 from numpy import ndarray
 from torch import Tensor
 
@@ -27,6 +27,7 @@ class SceneModel:
     """sky (6, r, r, 3), exposures (V, 3, 4) of the training photos, track_shifts and track_turns (K, 3)."""
     nodes: UInt16[ndarray, " n"]
     actor_poses: ActorPoses
+    _copied_nodes: tuple[UInt16[ndarray, " n"], Int32[Tensor, " n"]] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if np.any(np.diff(self.nodes.astype(np.int64)) < 0):
@@ -39,6 +40,12 @@ class SceneModel:
     def corrections(self) -> dict[str, Tensor]:
         """Learned corrections of the actors' tracks."""
         return {name: self.shared[name] for name in ("track_shifts", "track_turns")}
+
+    def copy_nodes_to(self, device: torch.device) -> Int32[Tensor, " n"]:
+        """Copy `nodes` to a device, once for as long as they stay as they are."""
+        if self._copied_nodes is None or self._copied_nodes[0] is not self.nodes:
+            self._copied_nodes = self.nodes, torch.from_numpy(self.nodes.astype(np.int32)).to(device)
+        return self._copied_nodes[1].to(device)
 
     def tracks(self) -> tuple[Track, ...]:
         """The actors' tracks, corrected."""

@@ -95,15 +95,17 @@ class Optimizers:
 
 
 def _step_touched(optimizer: VisibleAdam, parameters: dict[str, Tensor], decay: float) -> None:
-    gradients = {name: value.grad for name, value in parameters.items() if value.grad is not None}
-    if not gradients:
+    gradients = {name: value.grad for name, value in parameters.items()}
+    known = [grad for grad in gradients.values() if grad is not None]
+    if not known:
         return
-    touched = torch.stack([grad.flatten(1).ne(0).any(dim=1) for grad in gradients.values()]).any(dim=0)
-    rows = torch.nonzero(touched)[:, 0]
-    optimizer.step(rows, {name: grad[rows] for name, grad in gradients.items()}, None)
+    touched = torch.stack([grad.flatten(1).ne(0).any(dim=1) for grad in known]).any(dim=0)
+    optimizer.step(torch.arange(len(touched), device=touched.device), gradients, touched)
+    if not decay:
+        return
     with torch.no_grad():
         for value in parameters.values():
-            value[rows] -= decay * value[rows]
+            value -= torch.where(touched[:, None], decay * value, 0)
 
 
 def _within(tensors: dict[str, Tensor], group: str) -> dict[str, Tensor]:

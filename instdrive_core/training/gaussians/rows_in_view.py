@@ -17,14 +17,14 @@ from instdrive_core.scene.camera import Camera
 
 _CHUNK = 1 << 12
 """Rows that one task tests."""
-_ROUNDING = 4e-6
+ROUNDING = 4e-6
 """Largest error of a float32 camera coordinate, as a share of the lengths it was computed from."""
 _LOGIT_MARGIN = 1e-3
 """Opacities near the limit may round to either side of it."""
 _REACH_MARGIN = 1.002
 """Rounding of a splat's variance on the screen."""
 
-_LENGTH = 12
+LENGTH = 12
 """A node's row: camera_from_node (3 × 4), then the length that its rounding errors grow with."""
 
 
@@ -53,7 +53,7 @@ def find_rows_in_view(
     found = np.empty(count, np.int32)
     arrays = (to_kernel_array(means), to_kernel_array(log_scales), to_kernel_array(opacity_logits))
     places = (np.require(nodes, np.uint16, ["C", "W"]), np.require(present, np.bool_, ["C", "W"]))
-    frames, limits = _camera_from_nodes(poses, camera), _limits(camera, settings)
+    frames, limits = list_camera_from_nodes(poses, camera), compute_view_limits(camera, settings)
     _test(*arrays, *places, frames, camera_to_row(camera), limits, kept, found, counts)
     starts = np.cumsum(counts)
     rows = np.empty(starts[-1], np.int64)
@@ -61,16 +61,17 @@ def find_rows_in_view(
     return rows
 
 
-def _camera_from_nodes(poses: Float64[ndarray, "m 4 4"], camera: Camera) -> Float32[ndarray, "m 13"]:
-    frames = np.empty((len(poses), _LENGTH + 1), np.float32)
-    frames[:, :_LENGTH] = (camera.camera_from_world @ poses)[:, :3].reshape(-1, _LENGTH)
+def list_camera_from_nodes(poses: Float64[ndarray, "m 4 4"], camera: Camera) -> Float32[ndarray, "m 13"]:
+    """List camera_from_node (3 × 4) of every node, then the length in metres that its rounding errors grow with."""
+    frames = np.empty((len(poses), LENGTH + 1), np.float32)
+    frames[:, :LENGTH] = (camera.camera_from_world @ poses)[:, :3].reshape(-1, LENGTH)
     # The rasterizer goes through the world: its errors grow with the positions there, however near the two may be.
-    frames[:, _LENGTH] = np.abs(poses[:, :3, 3]).sum(axis=1) + np.abs(camera.position).sum()
+    frames[:, LENGTH] = np.abs(poses[:, :3, 3]).sum(axis=1) + np.abs(camera.position).sum()
     return frames
 
 
-def _limits(camera: Camera, settings: RasterSettings) -> Float32[ndarray, "6"]:
-    """Near plane; low-pass; least logit; log of min_alpha; (1 + tan²) f² at the widest, in x and in y.
+def compute_view_limits(camera: Camera, settings: RasterSettings) -> Float32[ndarray, "6"]:
+    """Compute near plane; low-pass; least logit; log of min_alpha; (1 + tan²) f² at the widest, in x and in y.
 
     The last two times a variance in metres², over z², are the largest variance on the screen (pixel²): the Jacobian's
     tangents are clamped there.
@@ -111,7 +112,7 @@ def _test(means, log_scales, logits, nodes, present, frames, view, limits, kept,
 @no_type_check
 def _test_run(means, log_scales, logits, bounds, frame, view, limits, kept):
     """Rows of one node, without branches: which way they would go is hard to foretell."""
-    zero, half, two, rounding = np.float32(0), np.float32(0.5), np.float32(2), np.float32(_ROUNDING)
+    zero, half, two, rounding = np.float32(0), np.float32(0.5), np.float32(2), np.float32(ROUNDING)
     fx, fy, cx, cy, width, height = view[12], view[13], view[14], view[15], view[16], view[17]
     near, low_pass, least, log_min_alpha = limits[0], limits[1], limits[2], limits[3]
     wide_x, wide_y = limits[4], limits[5]
@@ -119,7 +120,7 @@ def _test_run(means, log_scales, logits, bounds, frame, view, limits, kept):
     pixels_x, pixels_y = fx + abs(cx) + width, fy + abs(cy) + height
     for i in range(bounds[0], bounds[1]):
         mx, my, mz, logit = means[i, 0], means[i, 1], means[i, 2], logits[i]
-        slack = rounding * (abs(mx) + abs(my) + abs(mz) + frame[_LENGTH])
+        slack = rounding * (abs(mx) + abs(my) + abs(mz) + frame[LENGTH])
         x = fx * (frame[0] * mx + frame[1] * my + frame[2] * mz + frame[3])
         y = fy * (frame[4] * mx + frame[5] * my + frame[6] * mz + frame[7])
         z = frame[8] * mx + frame[9] * my + frame[10] * mz + frame[11]

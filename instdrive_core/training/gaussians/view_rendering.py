@@ -10,11 +10,12 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.backends.backend import Backend, SeenSplats
+from instdrive_core.training.backends.backend import Backend, Nodes, SeenSplats
 from instdrive_core.training.backends.row_gather import gather_rows
 from instdrive_core.training.gaussians.actor_poses import NodePoses
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.gaussians.rows_in_view import find_rows_in_view
+from instdrive_core.training.gaussians.rows_on_device import find_rows_on_device
 
 GEOMETRY = ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest")
 """The attributes that the RGB stage learns."""
@@ -49,12 +50,11 @@ def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float
     With `with_features` a feature map is rendered, too; it sends no gradient into geometry.
     """
     poses = model.actor_poses.at(time, model.corrections)
-    rows = find_rows_of_view(model, backend, poses, camera)
+    rows, nodes = find_rows_of_view(model, backend, poses, camera)
     names = (*GEOMETRY, "features") if with_features else GEOMETRY
     splats = {
         name: gather_rows(model.parameters[name], rows, backend.uses_kernels).requires_grad_(True) for name in names
     }
-    nodes = model.nodes[rows.cpu().numpy()]
     means, quats = backend.place_gaussians(splats["means"], splats["quats"], nodes, poses.rotations, poses.shifts)
     for tensor in (means, quats):
         if not tensor.is_leaf:
@@ -73,13 +73,16 @@ def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float
     return RenderedView(rows, splats, seen, color, features, depth, alpha, (means, quats))
 
 
-def find_rows_of_view(model: SceneModel, backend: Backend, poses: NodePoses, camera: Camera) -> Int64[Tensor, " v"]:
-    """Find the rows that may be seen; on a GPU, which culls faster than rows are gathered, all of actors that exist."""
+def find_rows_of_view(
+    model: SceneModel, backend: Backend, poses: NodePoses, camera: Camera
+) -> tuple[Int64[Tensor, " v"], Nodes]:
+    """Find the rows that may be seen, and the node of each. On a GPU both stay there; their number is read from it."""
+    names = ("means", "log_scales", "opacity_logits")
+    means, log_scales, logits = (model.parameters[name].detach() for name in names)
     if not backend.uses_kernels:
-        return torch.from_numpy(np.flatnonzero(poses.present[model.nodes])).to(backend.device)
-    means, log_scales, logits = (
-        model.parameters[name].detach().numpy() for name in ("means", "log_scales", "opacity_logits")
-    )
-    return torch.from_numpy(
-        find_rows_in_view(means, log_scales, logits, model.nodes, poses.matrices, poses.present, camera)
-    )
+        background = int(np.searchsorted(model.nodes, 1))
+        nodes = model.copy_nodes_to(backend.device)
+        return find_rows_on_device(means, log_scales, logits, nodes, background, poses.matrices, poses.present, camera)
+    arrays = means.numpy(), log_scales.numpy(), logits.numpy()
+    rows = find_rows_in_view(*arrays, model.nodes, poses.matrices, poses.present, camera)
+    return torch.from_numpy(rows), model.nodes[rows]

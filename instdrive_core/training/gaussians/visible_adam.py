@@ -102,20 +102,20 @@ class VisibleAdam:
     @torch.no_grad()
     def _step_by_indexing(self, rows: Tensor | ndarray, gradients: dict[str, Tensor], visible: Tensor | None) -> None:
         places = torch.as_tensor(rows, device=self.steps.device)
-        if visible is not None:
-            places = places[visible]
-        self.steps[places] += 1
+        # Rows that are not visible get what they have: to leave them out, their number had to be read from the device.
+        seen = torch.ones_like(places, dtype=torch.bool) if visible is None else visible
+        self.steps.index_add_(0, places, seen.int())
         corrections = self._corrections[self.steps[places].long().clamp(max=len(self._corrections) - 1)]
         (b1, b2), eps = self.betas, self.eps
-        for name, gradient in gradients.items():
-            change = gradient if visible is None else gradient[visible]
+        for name, change in gradients.items():
             by_row = (-1, *[1] * (change.dim() - 1))
-            first = b1 * self.first[name][places] + (1 - b1) * change
-            second = b2 * self.second[name][places] + (1 - b2) * change * change
+            kept, old_first, old_second = seen.view(by_row), self.first[name][places], self.second[name][places]
+            first = torch.where(kept, b1 * old_first + (1 - b1) * change, old_first)
+            second = torch.where(kept, b2 * old_second + (1 - b2) * change * change, old_second)
             scale = second.sqrt() * corrections[:, 1].view(by_row) + eps
             move = self.rates[name] * corrections[:, 0].view(by_row) * first / scale
             self.first[name][places], self.second[name][places] = first, second
-            self.parameters[name][places] -= move
+            self.parameters[name][places] -= torch.where(kept, move, 0)
 
     def rearrange(
         self,

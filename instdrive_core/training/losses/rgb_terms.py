@@ -29,7 +29,7 @@ class RgbStep:
     """Rendered colour with the sky behind it, exposed as the photo."""
     exposures: Float[Tensor, "v 3 4"]
     """Exposures of all photos."""
-    psnr: float = float("nan")
+    psnr: Float[Tensor, ""] | float = float("nan")
     """PSNR of `image` in dB; the photometric term writes it."""
 
 

@@ -50,7 +50,7 @@ def harmonics(rest: int, with_nodes: bool) -> Case:
 def photometric(valid: np.ndarray | None, ssim_weight: float) -> Case:
     def call(backend: Backend, image: Tensor) -> tuple[Tensor, ...]:
         loss, psnr = backend.photometric_loss(image, PHOTO, valid, ssim_weight)
-        return loss, torch.tensor(psnr)
+        return loss, torch.as_tensor(psnr, dtype=torch.float32)
 
     return Case((IMAGE,), call)
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from tiny_training import new_trainer, tiny_config
+from torch.overrides import TorchFunctionMode, resolve_name
 from torch_splatting import GPU, backend_of
 
 from instdrive_core.training.backends import row_gather
@@ -128,3 +130,57 @@ def test_the_instance_stage_goes_on_on_the_cpu_with_all_that_was_learned() -> No
     assert trainer.optimizers.geometry.by_kernels
     trainer.rgb_step()  # on kernels from here on
     assert torch.isfinite(trainer.model.parameters["means"]).all()
+
+
+WAITING = {
+    "item",
+    "tolist",
+    "cpu",
+    "numpy",
+    "nonzero",
+    "masked_select",
+    "__bool__",
+    "__float__",
+    "__int__",
+    "__index__",
+}
+
+
+class HostReads(TorchFunctionMode):
+    """While it is on, `calls` gathers what waits for the device; that of the files in `but` is left out.
+
+    Indexing with a mask counts: the number of rows has to be read.
+    """
+
+    def __init__(self, but: tuple[str, ...]) -> None:
+        super().__init__()
+        self.but, self.calls = but, []
+
+    def __torch_function__(self, func, types, args=(), kwargs=None):
+        name = (resolve_name(func) or str(func)).rpartition(".")[2]
+        mask = name in ("__getitem__", "__setitem__", "index") and self._is_mask(args[1])
+        if mask or name in WAITING:
+            frame = sys._getframe(1)
+            caller = frame.f_code.co_name
+            while frame is not None and not frame.f_code.co_filename.endswith(self.but):
+                frame = frame.f_back
+            if frame is None:
+                self.calls.append(f"{name} in {caller}")
+        return func(*args, **(kwargs or {}))
+
+    @staticmethod
+    def _is_mask(index):
+        parts = index if isinstance(index, tuple) else (index,)
+        return any(isinstance(part, torch.Tensor) and part.dtype == torch.bool for part in parts)
+
+
+def test_a_step_waits_for_the_gpu_twice() -> None:
+    """For the number of rows in view, and for the losses; gsplat itself waits for the length of its lists."""
+    trainer, _ = new_trainer(keep_cameras(short_config("after")), backend_of("like 1.6"), CUBIC)
+    for _ in range(2):
+        trainer.rgb_step()
+        trainer.iteration += 1
+    on_the_cpu = ("camera_poses.py", "actor_poses.py")  # anywhere; without actors there is nothing to wait for
+    with HostReads(but=("torch_splatting.py", *on_the_cpu)) as reads:
+        trainer.rgb_step()
+    assert reads.calls == ["tolist in find_rows_on_device", "tolist in _backward"]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import weakref
 
 import numpy as np
 import pytest
 import torch
-from torch_splatting import GPU, TorchSplatting, backend_of
+from torch_splatting import GPU, TorchSplatting, TorchSplatting16, backend_of
 
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.training.backends.backend import SeenSplats
@@ -219,3 +220,54 @@ def test_the_stand_in_clips_alpha_as_its_version_does(kind: str, largest: float)
     rows = ([[0.0, 0.0, 4.0]], [[1.0, 0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [12.0], [[1.0]])
     _, _, alpha = backend_of(kind).rasterize(*(torch.tensor(row) for row in rows), on_axis, 1)
     assert float(alpha[8, 8]) == pytest.approx(largest, abs=1e-5)
+
+
+def test_tiles_are_listed_by_ellipses_where_gsplat_knows_them() -> None:
+    """Long thin splats across the picture: from 1.6 on, tiles of their boxes that they do not reach are left out."""
+    library = TorchSplatting16()
+    p = parameters(GsplatBackend(torch.device("cpu"), library))
+    with torch.no_grad():
+        p["log_scales"] += torch.tensor([1.5, -1.5, -1.5])
+    with_ellipses = GsplatBackend(torch.device("cpu"), library).rasterize(*(p[name] for name in NAMES), CAMERA, 3)
+    by_boxes = TorchSplatting(holder=True)
+    expected = GsplatBackend(torch.device("cpu"), by_boxes).rasterize(*(p[name] for name in NAMES), CAMERA, 3)
+    assert library.listed < library.boxed
+    for found, wanted in zip(with_ellipses, expected, strict=True):
+        torch.testing.assert_close(found, wanted)
+
+
+PROJECTION = (
+    "(means, covars, quats, scales, viewmats, Ks, width, height, eps2d=0.3, near_plane=0.01, far_plane=10000000000.0, "
+    "radius_clip=0.0, packed=False, sparse_grad=False, calc_compensations=False, camera_model='pinhole', "
+    "opacities=None)"
+)
+TILES = (
+    "(means2d, radii, depths, tile_size, tile_width, tile_height, sort=True, segmented=False, packed=False, "
+    "n_images=None, image_ids=None, gaussian_ids=None{})"
+)
+OFFSETS = "(isect_ids, n_images, tile_width, tile_height)"
+PIXELS = (
+    "(means2d, conics, colors, opacities, image_width, image_height, tile_size, isect_offsets, flatten_ids, "
+    "backgrounds=None, masks=None, packed=False, absgrad=False)"
+)
+SIGNATURES = {
+    version: {
+        "fully_fused_projection": PROJECTION,
+        "isect_tiles": TILES.format(of_tiles),
+        "isect_offset_encode": OFFSETS,
+        "rasterize_to_pixels": PIXELS,
+    }
+    for version, of_tiles in {"1.5.3": "", "1.6.0": ", conics=None, opacities=None"}.items()
+}
+"""Those of gsplat's `gsplat/cuda/_wrapper` in both versions, without annotations."""
+
+
+@pytest.mark.parametrize("kind", ["like 1.5", "like 1.6", GPU])
+def test_calls_are_made_as_gsplat_wants_them(kind: str) -> None:
+    """The stand-in takes what the real versions take, and nothing else; a gsplat that changes shows here."""
+    library = backend_of(kind)._library
+    expected = SIGNATURES["1.6.0" if library.__version__ >= "1.6" else "1.5.3"]
+    for name, signature in expected.items():
+        found = inspect.signature(getattr(library, name))
+        plain = [value.replace(annotation=inspect.Parameter.empty) for value in found.parameters.values()]
+        assert str(inspect.Signature(plain)) == signature, name

@@ -3,6 +3,7 @@
 import numba
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,6 +13,7 @@ from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSe
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.scene import place_in_world
 from instdrive_core.training.gaussians.rows_in_view import find_rows_in_view
+from instdrive_core.training.gaussians.rows_on_device import find_rows_on_device
 
 
 def rotation(rng):
@@ -41,6 +43,20 @@ def drawn_rows(means, quats, log_scales, logits, nodes, poses, present, camera, 
     return np.sort(project(world, turned, log_scales, opacities, camera, raster).rows)
 
 
+def find_in_torch(means, log_scales, logits, nodes, poses, present, camera, raster=DEFAULT_SETTINGS):
+    """Look for rows where a GPU's trainer does."""
+    tensors = [torch.from_numpy(values) for values in (means, log_scales, logits, nodes.astype(np.int32))]
+    background = int((nodes == 0).sum())
+    rows, places = find_rows_on_device(*tensors, background, poses, present, camera, raster)
+    assert rows.dtype == places.of_rows.dtype == torch.int64
+    assert places.of_rows.tolist() == nodes[rows.numpy()].tolist()
+    assert places.background == (nodes[rows.numpy()] == 0).sum()
+    return rows.numpy()
+
+
+FINDERS = pytest.mark.parametrize("find_rows", [find_rows_in_view, find_in_torch], ids=["kernel", "in torch"])
+
+
 def random_rows(rng, count, actors, reach, size):
     nodes = np.sort(rng.integers(0, actors + 1, count)).astype(np.uint16)
     spread = np.where(nodes == 0, reach, 3.0)[:, None]
@@ -53,6 +69,7 @@ def random_rows(rng, count, actors, reach, size):
     )
 
 
+@FINDERS
 @settings(max_examples=150, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
@@ -61,22 +78,23 @@ def random_rows(rng, count, actors, reach, size):
     size=st.sampled_from([-8.0, -2.0, 1.0, 4.0]),
     near=st.sampled_from([0.01, 0.1, 2.0]),
 )
-def test_no_row_that_would_be_drawn_is_lost(seed, actors, reach, size, near):
+def test_no_row_that_would_be_drawn_is_lost(find_rows, seed, actors, reach, size, near):
     rng = np.random.default_rng(seed)
     means, quats, log_scales, logits, nodes = random_rows(rng, 600, actors, reach, size)
     poses, present = poses_of(rng, actors, reach), rng.random(actors + 1) < 0.7
     present[0] = True
     camera, raster = any_camera(rng, reach), RasterSettings(near=near)
     drawn = drawn_rows(means, quats, log_scales, logits, nodes, poses, present, camera, raster)
-    rows = find_rows_in_view(means, log_scales, logits, nodes, poses, present, camera, raster)
+    rows = find_rows(means, log_scales, logits, nodes, poses, present, camera, raster)
     assert np.all(np.diff(rows) > 0)
     assert np.all(present[nodes[rows]])
     assert not set(drawn) - set(rows)
 
 
+@FINDERS
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**31), reach=st.sampled_from([1.0, 100.0, 5000.0]))
-def test_splats_at_the_very_borders_are_kept(seed, reach):
+def test_splats_at_the_very_borders_are_kept(find_rows, seed, reach):
     """Opacity at the limit, centres on the near plane, reach that ends on the image's edge: rounding decides."""
     rng = np.random.default_rng(seed)
     camera, count = any_camera(rng, reach), 4000
@@ -100,13 +118,14 @@ def test_splats_at_the_very_borders_are_kept(seed, reach):
     quats = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
     arguments = (logits.astype(np.float32), np.zeros(count, np.uint16), np.eye(4)[None], np.ones(1, bool), camera)
     drawn = drawn_rows(means, quats, log_scales, *arguments)
-    rows = find_rows_in_view(means, log_scales, *arguments)
+    rows = find_rows(means, log_scales, *arguments)
     assert not set(drawn) - set(rows)
 
 
+@FINDERS
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**31), reach=st.sampled_from([1.0, 100.0, 5000.0]))
-def test_rounding_on_the_way_through_the_world_loses_nothing(seed, reach):
+def test_rounding_on_the_way_through_the_world_loses_nothing(find_rows, seed, reach):
     """An actor's points on the near plane and points as faint as can be: their frames round differently."""
     rng = np.random.default_rng(seed)
     camera, count, poses = any_camera(rng, reach), 4000, poses_of(rng, 1, reach)
@@ -121,7 +140,7 @@ def test_rounding_on_the_way_through_the_world_loses_nothing(seed, reach):
     quats, log_scales = rng.normal(size=(count, 4)).astype(np.float32), np.full((count, 3), -6, np.float32)
     arguments = (logits, np.ones(count, np.uint16), poses, np.ones(2, bool), camera)
     drawn = drawn_rows(means, quats, log_scales, *arguments)
-    rows = find_rows_in_view(means, log_scales, *arguments)
+    rows = find_rows(means, log_scales, *arguments)
     assert not set(drawn) - set(rows)
 
 
@@ -134,9 +153,10 @@ def street():
     return means, quats, log_scales, logits, nodes, poses, present, camera
 
 
-def test_little_is_kept_in_vain():
+@FINDERS
+def test_little_is_kept_in_vain(find_rows):
     means, quats, *others = street()
-    drawn, rows = drawn_rows(means, quats, *others), find_rows_in_view(means, *others)
+    drawn, rows = drawn_rows(means, quats, *others), find_rows(means, *others)
     assert 500 < len(drawn) <= len(rows) < 1.1 * len(drawn)
 
 
@@ -151,29 +171,32 @@ def test_rows_do_not_depend_on_the_threads():
         numba.set_num_threads(threads)
 
 
-def test_a_huge_splat_beside_the_image_is_kept():
+@FINDERS
+def test_a_huge_splat_beside_the_image_is_kept(find_rows):
     camera = Camera(100.0, 100.0, 50.0, 40.0, 100, 80, np.eye(4))
     means = np.array([[400.0, 0, 10], [400, 0, 10], [0, 0, -5]], np.float32)
     log_scales = np.log(np.array([[0.1, 200, 0.1], [0.1, 0.1, 0.1], [50, 50, 50]], np.float32))
     nodes, present = np.zeros(3, np.uint16), np.ones(1, bool)
-    rows = find_rows_in_view(means, log_scales, np.full(3, 2.0, np.float32), nodes, np.eye(4)[None], present, camera)
+    rows = find_rows(means, log_scales, np.full(3, 2.0, np.float32), nodes, np.eye(4)[None], present, camera)
     assert rows.tolist() == [0]
 
 
+@FINDERS
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_disturbs_no_other_row(value):
+def test_what_is_not_finite_disturbs_no_other_row(find_rows, value):
     means, _, log_scales, logits, nodes, poses, present, camera = street()
-    expected = find_rows_in_view(means, log_scales, logits, nodes, poses, present, camera)
+    expected = find_rows(means, log_scales, logits, nodes, poses, present, camera)
     means[5], log_scales[17], logits[40] = value, value, value
-    rows = find_rows_in_view(means, log_scales, logits, nodes, poses, present, camera)
+    rows = find_rows(means, log_scales, logits, nodes, poses, present, camera)
     spoilt = {5, 17, 40}
     assert set(rows) - spoilt == set(expected) - spoilt
 
 
-def test_no_rows_at_all():
+@FINDERS
+def test_no_rows_at_all(find_rows):
     camera = Camera(10.0, 10.0, 5.0, 5.0, 10, 10, np.eye(4))
     none = np.zeros((0, 3), np.float32)
     nodes, present = np.zeros(0, np.uint16), np.ones(1, bool)
-    rows = find_rows_in_view(none, none, np.zeros(0, np.float32), nodes, np.eye(4)[None], present, camera)
+    rows = find_rows(none, none, np.zeros(0, np.float32), nodes, np.eye(4)[None], present, camera)
     assert rows.shape == (0,)
     assert rows.dtype == np.int64
