@@ -24,7 +24,7 @@ def test_a_half_seen_car_is_completed_and_a_whole_one_is_told(tmp_path):
         window.wait_for_message("the unseen side is now the mirror image of the other one")
         assert window.wait_until_calm()["selected"] == [CAR]
         complete(window)
-        window.wait_for_message("both sides of Car 3 were seen: there is nothing to complete")
+        window.wait_for_message("Both sides of Car 3 were seen: there is nothing to complete")
         window.export(tmp_path / "out")
         assert (open_scene(tmp_path / "out").extra["synthetic"] == 3).sum() > 500
         window.key("ctrl+z")
