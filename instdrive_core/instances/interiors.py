@@ -58,8 +58,21 @@ class CompactObject:
 
     def holds(self, local: Float64[ndarray, "k 3"], growth: float = 1.0, margin: float = 0.0) -> Bool[ndarray, " k"]:
         """Whether points, seen from the centre in the object's axes, lie in the hull grown by a factor and metres."""
-        heights = local @ self.planes[:, :3].T + growth * self.planes[:, 3]
-        return np.all(heights < margin, axis=1)
+        planes = self.planes * [1, 1, 1, growth]
+        return _find_beneath(np.ascontiguousarray(local, np.float64), planes, margin)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _find_beneath(points: ndarray, planes: ndarray, margin: float) -> ndarray:
+    """Whether points lie less than `margin` outside of every plane."""
+    beneath = np.ones(len(points), np.bool_)
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for k in range(len(planes)):
+            if not x * planes[k, 0] + y * planes[k, 1] + z * planes[k, 2] + planes[k, 3] < margin:
+                beneath[i] = False
+                break
+    return beneath
 
 
 def fill_from_nearest(

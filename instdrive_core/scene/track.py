@@ -33,6 +33,11 @@ class Track:
         """Whether `time` lies within the track, up to `slack` seconds (half a 10 Hz step)."""
         return bool(self.times[0] - slack <= time <= self.times[-1] + slack)
 
+    def interpolate_position(self, time: float) -> Float64[ndarray, "3"]:
+        """Interpolate where the box's centre is at `time`: what `interpolate_pose` has in its last column."""
+        places = self.world_from_box[:, :3, 3]
+        return np.array([np.interp(time, self.times, places[:, axis]) for axis in range(3)])
+
     def interpolate_pose(self, time: float) -> Float64[ndarray, "4 4"]:
         """Interpolate world_from_box at `time`: linear and slerp between neighbours, clamped at the ends."""
         upper = int(np.searchsorted(self.times, time))

@@ -68,12 +68,25 @@ def count_sightings(
             continue
         blocked, by_chosen = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         for number, occluder in enumerate(occluders):
+            if not _is_within_reach(occluder, view):
+                continue
             hit = _find_hidden(occluder, view, points[rows])
             blocked |= hit
             by_chosen |= hit & (number < chosen)
         seen[rows[~blocked]] += 1
         hidden[rows[by_chosen]] += 1
     return seen, hidden
+
+
+def _is_within_reach(occluder: Occluder, view: CameraView) -> bool:
+    """Whether an occluder can stand between a camera and ground that its photo shows."""
+    center, reach = occluder.center, MAX_DISTANCE + occluder.radius
+    if occluder.track is not None:
+        if not occluder.track.covers(view.time):
+            return False
+        center = occluder.track.interpolate_position(view.time)
+        reach += float(np.linalg.norm(occluder.center))
+    return bool(np.linalg.norm(center - view.camera.position) <= reach)
 
 
 def _find_in_photo(points: Float64[ndarray, "n 3"], view: CameraView) -> Int64[ndarray, " k"]:
@@ -90,8 +103,6 @@ def _find_in_photo(points: Float64[ndarray, "n 3"], view: CameraView) -> Int64[n
 def _find_hidden(occluder: Occluder, view: CameraView, points: Float64[ndarray, "n 3"]) -> ndarray:
     eye = view.camera.position
     if occluder.track is not None:
-        if not occluder.track.covers(view.time):
-            return np.zeros(len(points), bool)
         pose = occluder.track.interpolate_pose(view.time)
         points, eye = (points - pose[:3, 3]) @ pose[:3, :3], (eye - pose[:3, 3]) @ pose[:3, :3]
     points, eye = np.ascontiguousarray(points), np.ascontiguousarray(eye)

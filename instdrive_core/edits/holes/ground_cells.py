@@ -15,11 +15,13 @@ from instdrive_core.edits.holes.surroundings import StandingObject
 
 def find_covered_cells(standing: Sequence[StandingObject], grid: GroundGrid) -> Bool[ndarray, "a b"]:
     """Mask of the cells under any object that does not move."""
-    under, places = np.zeros(grid.shape, bool), grid.compute_centers(grid.list_cells())
+    under = np.zeros(grid.shape, bool).ravel()
+    places = grid.compute_centers(grid.list_cells())
     for each in standing:
         if each.track is None:
-            under |= _is_under(each, places).reshape(grid.shape)
-    return under
+            near = np.flatnonzero((np.abs(places - each.body.center[:2]) <= each.body.reach).all(axis=1))
+            under[near] |= _is_under(each, places[near])
+    return under.reshape(grid.shape)
 
 
 def grow_cells(cells: Bool[ndarray, "a b"], size: float, metres: float) -> Bool[ndarray, "a b"]:

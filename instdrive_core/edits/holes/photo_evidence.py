@@ -13,7 +13,9 @@ from scipy import ndimage
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.maths.activations import sigmoid
-from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, compute_blend_weights
+from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, weigh_projected
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.rasterize.kernels.project import project
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.gaussians import Gaussians
@@ -161,13 +163,14 @@ class _Tally:
         means, quats = place_in_world(drawn.means, drawn.quats, nodes, poses)
         opacities = np.where(present[nodes], drawn.opacities, np.float32(0))
         pixels, settings = np.arange(camera.width * camera.height), choose_raster_settings(scene)
-        full = compute_blend_weights(means, quats, drawn.log_scales, opacities, camera, pixels, settings)
+        arrays = (to_kernel_array(each) for each in (means, quats, drawn.log_scales, opacities))
+        projection = project(*arrays, camera, settings)
+        full = weigh_projected(projection, camera, pixels, settings)
         shares = _sum_by_pixel(full, np.where(own[full.rows], full.weights, 0))
         shown = (shares >= OWN_SHARE).reshape(camera.height, camera.width)
         silhouette = np.asarray(ndimage.binary_dilation(shown, iterations=RIM), bool)
         hidden = np.flatnonzero(silhouette)
-        free = np.where(own, np.float32(0), opacities)
-        gone = compute_blend_weights(means, quats, drawn.log_scales, free, camera, hidden, settings)
+        gone = weigh_projected(projection.select(~own[projection.rows]), camera, hidden, settings)
         self.left.append(gone)
         uncovered = np.bincount(gone.rows, gone.weights, len(alive))
         bodies = _sum_by_pixel(full, np.where(self.body[full.rows], full.weights, 0)) >= OWN_SHARE

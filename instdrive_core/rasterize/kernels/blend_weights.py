@@ -20,8 +20,10 @@ from instdrive_core.rasterize.kernels.pixel_walk import (
     PixelLists,
     find_next_fragment,
     list_pixels,
+    list_projected_pixels,
     locate_pixel,
 )
+from instdrive_core.rasterize.kernels.project import Projection
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
@@ -58,7 +60,22 @@ def compute_blend_weights(
     Raises:
         ValueError: a pixel is outside the image.
     """
-    lists = list_pixels(means, quats, log_scales, opacities, camera, pixels, settings)
+    return _weigh(list_pixels(means, quats, log_scales, opacities, camera, pixels, settings), settings)
+
+
+def weigh_projected(
+    projection: Projection, camera: Camera, pixels: Int[ndarray, " p"], settings: RasterSettings = DEFAULT_SETTINGS
+) -> BlendWeights:
+    """Compute the weights at the given pixels of Gaussians that are projected already; rows are those projected.
+
+    Raises:
+        ValueError: a pixel is outside the image.
+    """
+    return _weigh(list_projected_pixels(projection, camera, pixels), settings)
+
+
+def _weigh(lists: PixelLists, settings: RasterSettings) -> BlendWeights:
+    pixels = lists.pixels
     counts, indptr = np.zeros(len(pixels), np.int64), np.zeros(len(pixels) + 1, np.int64)
     _run(lists, settings, indptr, (counts, _NO_ROWS, _NO_WEIGHTS))
     np.cumsum(counts, out=indptr[1:])

@@ -59,11 +59,19 @@ def list_pixels(
     Raises:
         ValueError: a pixel is outside the image.
     """
+    means, quats, log_scales, opacities = (to_kernel_array(array) for array in (means, quats, log_scales, opacities))
+    return list_projected_pixels(project(means, quats, log_scales, opacities, camera, settings), camera, pixels)
+
+
+def list_projected_pixels(projection: Projection, camera: Camera, pixels: Int[ndarray, " p"]) -> PixelLists:
+    """List the splats that the given pixels (row-major, flat) of what was projected have to be walked over.
+
+    Raises:
+        ValueError: a pixel is outside the image.
+    """
     pixels = np.ascontiguousarray(pixels, np.int64)
     if len(pixels) and not 0 <= pixels.min() <= pixels.max() < camera.width * camera.height:
         raise ValueError(f"pixels {pixels.min()} … {pixels.max()} leave the {camera.width} × {camera.height} image")
-    means, quats, log_scales, opacities = (to_kernel_array(array) for array in (means, quats, log_scales, opacities))
-    projection = project(means, quats, log_scales, opacities, camera, settings)
     tiles = bin_splats(projection, camera.width, camera.height)
     tile_of_pixel = pixels // camera.width // TILE * tiles.columns + pixels % camera.width // TILE
     order = np.argsort(tile_of_pixel, kind="stable")

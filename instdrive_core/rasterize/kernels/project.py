@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Bool, Float32, Int32
 from numpy import ndarray
 
 from instdrive_core.maths.sorting import sort_front_to_back
@@ -34,6 +34,12 @@ class Projection:
     """2D covariance xx, xy, yy (pixel²), low-pass included."""
     places: Int32[ndarray, " n"]
     """Place of each row in `rows`, -1 for those culled."""
+
+    def select(self, kept: Bool[ndarray, " v"]) -> Projection:
+        """Leave out visible splats, as if they were culled."""
+        rows, places = self.rows[kept], np.full_like(self.places, -1)
+        places[rows] = np.arange(len(rows), dtype=np.int32)
+        return Projection(rows, self.splats[kept], self.covariances[kept], places)
 
 
 def camera_to_row(camera: Camera) -> Float32[ndarray, " 22"]:
