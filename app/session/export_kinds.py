@@ -16,8 +16,9 @@ from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.scene_parts import find_remaining_actors, find_selected_actors, find_selected_rows
 from instdrive_core.errors import OptionError
 from instdrive_core.filming.camera_path import CameraKey, CameraPath
-from instdrive_core.filming.film import CODECS, FilmSettings, check_film, write_film
+from instdrive_core.filming.film import FilmSettings, check_film, write_film
 from instdrive_core.filming.path_file import write_camera_path
+from instdrive_core.filming.video import CODECS
 from instdrive_core.formats.objects.writers import SUFFIXES, write_objects
 from instdrive_core.formats.registry import FORMATS, find_format_to_write
 from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool
 from numpy import ndarray
 from PIL import Image
 
-from instdrive_core.errors import DataError, OptionError
-from instdrive_core.extras import explain_missing_module
-from instdrive_core.files.atomic import open_atomically
+from instdrive_core.errors import OptionError
 from instdrive_core.files.new_folder import fill_new_folder
 from instdrive_core.filming.camera_path import CameraPath
+from instdrive_core.filming.video import CODECS, Frame, load_av, open_video
 from instdrive_core.progress import report
 from instdrive_core.rasterize.pictures import Mode, colorize_depth, colorize_preview, measure_depth_range
 from instdrive_core.rasterize.scene_view import view_scene
@@ -28,15 +24,8 @@ from instdrive_core.wording import phrase
 
 FILM_MODES: dict[Mode, str] = {"color": phrase("Colour"), "instance": phrase("Instances"), "depth": phrase("Depth")}
 """What a film can show, and what the user reads for it."""
-CODECS = {".mp4": ("libx264", {"crf": "18"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
-"""Encoder and its options by the ending of the video."""
 LARGEST, FASTEST, MOST_FRAMES = 8192, 240.0, 100_000
-_BT709, _LIMITED = 1, 1
-"""Numbers that H.273 gives the colours of high-definition video and their range from 16 to 235."""
-_OTHER_KIND = "Choose the other ending, or frames as PNG"
 _DEPTH_SAMPLES, _DEPTH_SIZE = 5, 160
-
-Frame = UInt8[ndarray, "h w 3"]
 
 
 @dataclass(frozen=True)
@@ -71,7 +60,7 @@ def check_film(seconds: float, settings: FilmSettings, out: Path) -> int:
     if count > MOST_FRAMES:
         raise OptionError(f"the film would have {count:,} frames; at most {MOST_FRAMES:,} are possible")
     if is_video:
-        _load_av()
+        load_av()
     return count
 
 
@@ -105,7 +94,7 @@ def write_film(
     count = check_film(path.end - path.start, settings, out)
     frames = draw_film(scene, path, settings, count, drawn)
     if out.suffix:
-        with _open_video(out, settings) as add:
+        with open_video(out, settings.width, settings.height, settings.rate) as add:
             for frame in frames:
                 add(frame)
         return count
@@ -113,46 +102,6 @@ def write_film(
         for number, frame in enumerate(frames, 1):
             Image.fromarray(frame).save(folder / f"frame_{number:05d}.png", compress_level=3)
     return count
-
-
-def _load_av() -> Any:
-    """Import PyAV. Raises MissingExtraError where it is not installed."""
-    try:
-        import av
-    except ModuleNotFoundError as error:
-        raise explain_missing_module(error) or error from error
-    return av
-
-
-@contextmanager
-def _open_video(out: Path, settings: FilmSettings) -> Iterator[Callable[[Frame], None]]:
-    """Open a video and give what adds a frame to it; the file is there when the block ends without an error.
-
-    Colours are converted and marked as BT.709: players take those of a large video without a mark for that.
-    """
-    av = _load_av()
-    codec, options = CODECS[out.suffix.lower()]
-    with open_atomically(out) as file:
-        try:
-            with av.open(file, "w", format=out.suffix.lower()[1:]) as container:
-                try:
-                    stream = container.add_stream(codec, rate=Fraction(settings.rate).limit_denominator(1001))
-                except ValueError as error:  # this build of PyAV lacks the encoder
-                    raise DataError(out, f"the video cannot be encoded ({error})", _OTHER_KIND) from error
-                stream.width, stream.height, stream.pix_fmt = settings.width, settings.height, "yuv420p"
-                stream.options = options
-                coder = stream.codec_context
-                coder.colorspace, coder.color_primaries, coder.color_trc, coder.color_range = (*[_BT709] * 3, _LIMITED)
-
-                def add(frame: Frame) -> None:
-                    picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
-                    picture = picture.reformat(format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
-                    container.mux(stream.encode(picture))
-
-                yield add
-                container.mux(stream.encode())
-        except av.error.FFmpegError as error:
-            raise DataError(out, f"the video cannot be encoded ({error})", _OTHER_KIND) from error
 
 
 def _measure_depths(

@@ -13,6 +13,7 @@ Layout::
     lidar/NN.npz                  'points', 'intensity', 'times', 'instances', 'world_from_lidar'; where sweeps are cast
     views/<camera>/NN.json        camera, 2D boxes and visibility; names the view's files and their sizes
     moments/NN.json               3D boxes
+    videos/<look>/<camera>.mp4    and all_cameras.mp4; where videos are asked for
     recording.json                the manifest: conventions, instances, classes, all views; written last
 """
 
@@ -47,7 +48,12 @@ _PNG_LEVEL = 1
 
 def name_file(kind: str, view: CameraView, suffix: str) -> str:
     """Name a view's file of one kind, relative to the recording."""
-    return f"{kind}/{view.name}/{view.index:02d}{suffix}"
+    return name_of_file(kind, view.name, view.index, suffix)
+
+
+def name_of_file(kind: str, camera: str, step: int, suffix: str) -> str:
+    """Name the file of one kind that a camera has at a step, relative to the recording."""
+    return f"{kind}/{camera}/{step:02d}{suffix}"
 
 
 def name_moment(step: int) -> str:

@@ -17,7 +17,8 @@ from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, WITH_TRACKS, WRITTEN, ExportChoice, What
 from instdrive_core.errors import InstDriveError
-from instdrive_core.filming.film import CODECS, FILM_MODES, LARGEST, FilmSettings, check_film
+from instdrive_core.filming.film import FILM_MODES, LARGEST, FilmSettings, check_film
+from instdrive_core.filming.video import CODECS
 from instdrive_core.formats.registry import FORMATS
 from instdrive_core.rasterize.pictures import Mode
 from instdrive_core.wording import chain_sentences, format_count, phrase

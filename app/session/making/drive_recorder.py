@@ -53,6 +53,12 @@ class RecordChoice:
     flow: bool = False
     confidence: bool = False
     layouts: tuple[str, ...] = ()
+    shutter: float = 0.0
+    """Seconds from a picture's first to its last line; 0 = all at once."""
+    rig: str = ""
+    """JSON file of the cameras that record; empty = the drive's own."""
+    video: str = ""
+    """mp4 or webm; empty = no videos."""
 
     def list_arguments(self) -> list[str]:
         """List the arguments of `instdrive simulate`."""
@@ -60,7 +66,10 @@ class RecordChoice:
         ways = {"shift": f"shift={self.amount:g}", "lane": f"lane={self.amount:g}@0.5"}
         ways |= {"speed": f"speed={self.amount:g}", "stop": f"stop={self.amount:g}"}
         arguments += ["--ego", ways[self.way]] if self.way != "own" else []
-        arguments += ["--flow"] * self.flow + ["--confidence"] * self.confidence
+        arguments += ["--flow"] * (self.flow and not self.shutter) + ["--confidence"] * self.confidence
+        arguments += ["--shutter", f"{self.shutter:g}"] if self.shutter else []
+        arguments += ["--rig", os.path.expanduser(self.rig.strip())] if self.rig.strip() else []
+        arguments += ["--video", self.video] if self.video else []
         return [*arguments, "--layout", *self.layouts] if self.layouts else arguments
 
 

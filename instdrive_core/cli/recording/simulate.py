@@ -18,6 +18,7 @@ from instdrive_core.recording.plan import RecordOptions
 from instdrive_core.recording.record import record_drive
 from instdrive_core.recording.report import describe_confidence
 from instdrive_core.recording.shutter import parse_shutter
+from instdrive_core.recording.videos import VideoLook, check_video_request, write_recorded_videos
 from instdrive_core.wording import format_count
 
 Layout = Literal[
@@ -52,6 +53,8 @@ def simulate_drive(
     lidar: str | None = None,
     shutter: str | None = None,
     rig: Path | None = None,
+    video: tuple[Literal["mp4", "webm"], ...] = (),
+    video_shows: tuple[VideoLook, ...] = ("color",),
     progress: Literal["bar", "lines"] = "bar",
 ) -> None:
     """Record the edited drive as sensor data: pictures, masks, depth and boxes of every camera and moment.
@@ -76,10 +79,13 @@ def simulate_drive(
             0.03@left the exposed line goes to the left (down, up, left, right; default: down).
         rig: JSON file of the cameras that record instead of the drive's own: those kept, moved or given other lenses,
             and new ones.
+        video: Write a video of each camera and one of all cameras, too: mp4 or webm, into OUT/videos.
+        video_shows: What videos show: color, instances, depth; each gets videos of its own.
         progress: How progress is shown: as a bar, or in lines `progress 0.25` for other programs.
         layout: Write the recording in layouts of data sets, too, each into OUT/layouts/NAME.
         expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.
     """
+    check_video_request(video)
     changes = tuple(parse_ego_change(text) for text in (*ego, *(() if shift is None else (f"shift={shift:g}",))))
     part = _read_moment(first), _read_moment(last)
     rolling = None if shutter is None else parse_shutter(shutter)
@@ -95,11 +101,16 @@ def simulate_drive(
     for name in dict.fromkeys(layout):
         with show(name):
             opened[name] = write_recorded_layout(out, name)
+    for kind in dict.fromkeys(video):
+        with show(f"{kind} videos"):
+            write_recorded_videos(out, kind, video_shows)
     boxed = sum(entry["has_box"] for entry in manifest["instances"])
     counts = format_count(len(manifest["views"]), "view"), format_count(len(manifest["moments"]), "moment")
     print(f"{out}: {counts[0]}, {counts[1]}, {format_count(boxed, 'boxed thing')}")
     if manifest["confidence"] is not None:
         print(describe_confidence(manifest["confidence"]))
+    if video:
+        print(f"videos: {out / 'videos'}")
     for name, place in opened.items():
         print(f"{name}: {place}")
 

@@ -24,9 +24,11 @@ from instdrive_app.session.making.drive_recorder import (
     is_begun,
 )
 from instdrive_app.session.requests import AskRecord
-from instdrive_core.errors import OptionError
+from instdrive_core.errors import InstDriveError, OptionError
 from instdrive_core.recording.ego_path import parse_ego_change
 from instdrive_core.recording.plan import LARGEST, LEAST_WIDTH
+from instdrive_core.recording.shutter import LONGEST
+from instdrive_core.recording.videos import check_video_request
 from instdrive_core.wording import format_count, phrase
 
 TITLE = "Record drive"
@@ -38,6 +40,8 @@ WAYS: tuple[tuple[Way, str, str, float], ...] = (
     ("stop", "Stop", "seconds after the start", 1.0),
 )
 """Ways of the car: name, title, what the number means, and the number proposed."""
+VIDEOS = (("", "No videos"), ("mp4", "Videos as MP4"), ("webm", "Videos as WebM"))
+"""Endings of the videos that are written, too, and what the user reads for them."""
 _ROW = 4
 
 
@@ -71,8 +75,14 @@ class RecordDialog:
         imgui.spacing()
         self._draw_width(ui, views[0].camera.width if views else 0)
         self._draw_way(ui)
-        flow = imgui.checkbox(make_label("Optical flow"), self._choice.flow)[1]
+        self._draw_cameras(ui)
+        rolls = self._choice.shutter > 0
+        imgui.begin_disabled(rolls)
+        flow = imgui.checkbox(make_label("Optical flow"), self._choice.flow and not rolls)[1]
+        imgui.end_disabled()
         ui.mark("record.flow")
+        if rolls and imgui.is_item_hovered(imgui.HoveredFlags_.allow_when_disabled):
+            imgui.set_tooltip(translate("Optical flow is not known through a rolling shutter"))
         imgui.same_line()
         confidence = imgui.checkbox(
             make_label("Confidence maps"), self._choice.confidence or self._choice.way != "own"
@@ -81,6 +91,7 @@ class RecordDialog:
         if self._choice.way == "own":  # another way has them anyhow
             self._choice = replace(self._choice, confidence=confidence)
         self._choice = replace(self._choice, flow=flow)
+        self._draw_video(ui)
         self._draw_layouts(ui)
         problem = self._find_problem(ui.session.recorder)
         imgui.push_text_wrap_pos(0)
@@ -125,6 +136,33 @@ class RecordDialog:
             if math.isfinite(amount):
                 self._choice = replace(self._choice, amount=amount)
 
+    def _draw_cameras(self, ui: Ui) -> None:
+        """Which cameras record, and through what shutter."""
+        imgui.set_next_item_width(13 * imgui.get_font_size())
+        rig = imgui.input_text_with_hint(
+            make_label("file of other cameras"), translate("the drive's own cameras"), self._choice.rig
+        )[1]
+        ui.mark("record.rig")
+        imgui.set_item_tooltip(translate("A JSON file that adds, moves or replaces cameras; see docs/recording.md"))
+        imgui.set_next_item_width(7 * imgui.get_font_size())
+        shutter = imgui.input_float(make_label("seconds of rolling shutter"), self._choice.shutter, 0.0, 0.0, "%g")[1]
+        ui.mark("record.shutter")
+        imgui.set_item_tooltip(
+            translate("Time between a picture's first and last line, such as 0.03; 0 takes the picture at once")
+        )
+        self._choice = replace(self._choice, rig=rig, shutter=shutter if math.isfinite(shutter) else 0.0)
+
+    def _draw_video(self, ui: Ui) -> None:
+        title = next(title for kind, title in VIDEOS if kind == self._choice.video)
+        imgui.set_next_item_width(13 * imgui.get_font_size())
+        if imgui.begin_combo(make_label("of each camera and of all"), translate(title)):
+            for kind, name in VIDEOS:
+                if imgui.selectable(make_label(name), kind == self._choice.video)[0]:
+                    self._choice = replace(self._choice, video=kind)
+                ui.mark(f"record.video.{kind or 'none'}")
+            imgui.end_combo()
+        ui.mark("record.video")
+
     def _draw_layouts(self, ui: Ui) -> None:
         imgui.spacing()
         imgui.text(translate("Also in the layout of"))
@@ -143,6 +181,15 @@ class RecordDialog:
             return "Another recording is still running"
         if width is not None and not LEAST_WIDTH <= width <= LARGEST:
             return phrase("Pictures are from {least} to {largest} pixels wide", least=LEAST_WIDTH, largest=LARGEST)
+        if not 0 <= self._choice.shutter <= LONGEST:
+            return phrase("A rolling shutter takes from 0 to {longest:g} seconds", longest=LONGEST)
+        rig = os.path.expanduser(self._choice.rig.strip())
+        if rig and not os.path.isfile(rig):
+            return "There is no such file of cameras"
+        try:
+            check_video_request([self._choice.video] if self._choice.video else [])
+        except InstDriveError as error:
+            return read_error(error)
         if "--ego" in arguments:
             try:
                 parse_ego_change(arguments[arguments.index("--ego") + 1])

@@ -37,6 +37,8 @@ def test_every_way_is_one_of_the_command(way):
 
 def test_choices_become_arguments():
     assert RecordChoice().list_arguments() == []
+    other = RecordChoice(shutter=0.03, rig=" rig.json ", video="mp4", flow=True)
+    assert other.list_arguments() == ["--shutter", "0.03", "--rig", "rig.json", "--video", "mp4"]
     chosen = RecordChoice(width=64, flow=True, confidence=True, layouts=("coco", "t4"))
     assert chosen.list_arguments() == ["--width", "64", "--flow", "--confidence", "--layout", "coco", "t4"]
 

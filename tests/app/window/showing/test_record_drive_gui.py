@@ -21,6 +21,14 @@ def open_dialog(window, folder):
     window.type(str(folder))
 
 
+def type_shutter(window, seconds):
+    left, top, _, bottom = window.wait_for_rect("record.shutter")  # the label stands right of the number
+    window.click(left + 20, (top + bottom) / 2)
+    window.key("ctrl+a")
+    window.type(seconds)
+    window.key("Tab")
+
+
 def test_an_edited_drive_is_recorded_stopped_and_finished(street_folder, tmp_path):
     folder = tmp_path / "recorded"
     with editor_window(street_folder, tmp_path) as window:
@@ -39,6 +47,11 @@ def test_an_edited_drive_is_recorded_stopped_and_finished(street_folder, tmp_pat
         window.click_widget("record.way")
         window.click_widget("record.way.shift")
         window.wait_for_widget("record.amount")
+        window.click_widget("record.video")
+        window.click_widget("record.video.mp4")
+        type_shutter(window, "7")
+        window.wait_for_widget("record.problem")
+        type_shutter(window, "0.03")
         window.click_widget("dialog.accept")
         window.wait_for(lambda state: (state["busy"] or "").startswith("Recording"), "the job to begin")
         window.wait_for_widget("progress.cancel")
@@ -56,4 +69,6 @@ def test_an_edited_drive_is_recorded_stopped_and_finished(street_folder, tmp_pat
     first = manifest["views"][0]
     assert CAR not in read_id_map(folder / f"instances/{first['camera']}/{first['step']:02d}.png")
     assert json.loads((folder / PLAN).read_text())["confidence"]
+    assert manifest["shutter"]["seconds"] == 0.03
+    assert (folder / f"videos/color/{first['camera']}.mp4").stat().st_size > 1000
     assert (folder / "layouts/coco/drive/instances.json").is_file()
