@@ -29,6 +29,7 @@ from instdrive_app.session.making.job_controller import JobController
 from instdrive_app.session.making.run_comparison import RunComparison
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.navigation import Navigation
+from instdrive_app.session.placing.overlap_controller import OverlapController
 from instdrive_app.session.reference_pictures import ReferencePictures
 from instdrive_app.session.requests import OfferCleanup, RequestQueue, do_nothing
 from instdrive_app.session.selection_controller import SelectionController
@@ -84,6 +85,7 @@ class EditorSession:
         self.labels = LabelController(context)
         self.movement = MoveController(context)
         self.shadows = ShadowController(context, self.movement.options)
+        self._overlaps = OverlapController(context)
         self.completion = CompletionController(context)
         self.deletion = DeletionController(context)
         self.orientation = TurnController(context, self.navigation, self._follow_turn)
@@ -182,6 +184,7 @@ class EditorSession:
         self.navigation.tick(seconds)
         self.camera_path.tick(seconds)
         self.shadows.tick(seconds, self.movement.drag is not None)
+        self._overlaps.tick(seconds, self.movement.drag is not None)
         self.deletion.review.tick(seconds, self.movement.drag is not None)
         self.state.is_solo = bool(self.visibility.solo.ids)
         self.state.safe_colors = self.preferences.current.safe_colors

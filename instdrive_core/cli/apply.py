@@ -20,10 +20,12 @@ from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.find_objects import FindObjects
+from instdrive_core.edits.kinds.light.cast_shadows import list_put
 from instdrive_core.edits.kinds.paint import PaintInstances
 from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.overlaps import describe_overlap, find_overlaps, list_drive_times
 from instdrive_core.edits.queries.scene_parts import bake_part
 from instdrive_core.edits.serialize import edits_from_lines
 from instdrive_core.errors import DataError, EditError, OptionError
@@ -92,6 +94,9 @@ def apply(
     for edit in (*exchange.read_edits(document), *steps):
         document.apply(edit)
     light.follow(document, placed, shown)
+    put = list_put(steps)
+    for overlap in find_overlaps(document, put.ids, list_drive_times(document), put.added):
+        print(f"overlap: {describe_overlap(document, overlap)}")
     after_deletion.follow(document, [*done, *steps], shown)
     rows = parts.rows(document)
     if is_project(out):

@@ -43,6 +43,13 @@ def test_copies_have_one_and_projects_keep_it(folder, tmp_path):
     assert copy not in (CAR, OTHER_CAR)
 
 
+def test_what_reaches_into_another_thing_is_told(folder, tmp_path, capsys):
+    assert main(["apply", str(folder), "--move", f"{CAR}=0,3,0", "-o", str(tmp_path / "a.ply")]) == 0
+    assert "overlap: Car 7 reaches 0." in capsys.readouterr().out
+    assert main(["apply", str(folder), *MOVE, "-o", str(tmp_path / "b.ply")]) == 0
+    assert "overlap" not in capsys.readouterr().out
+
+
 def test_a_small_or_floating_move_has_none(folder, tmp_path):
     for number, shift in enumerate(("0.2,0,0", "-3.5,0,4")):
         out = tmp_path / f"{number}.ply"

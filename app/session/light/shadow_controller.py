@@ -6,6 +6,7 @@ from weakref import ref
 
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.move_controller import MoveOptions
+from instdrive_app.session.placing.settled_step import SettledStep
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.edits.document.frozen_copy import freeze_document
@@ -17,8 +18,6 @@ from instdrive_core.edits.kinds.light.cast_shadows import Put, find_put, plan_sh
 from instdrive_core.edits.kinds.light.lay_shadow import find_shadow_rows, make_lay_shadow
 from instdrive_core.wording import format_count, phrase
 
-SETTLE_SECONDS = 0.4
-"""Time for which an edit stays the last step before what it has put somewhere gets a shadow."""
 Ids = tuple[int, ...]
 
 
@@ -28,10 +27,7 @@ class ShadowController:
     def __init__(self, context: SessionContext, options: MoveOptions) -> None:
         self._context, self._jobs, self._messages = context, context.jobs, context.messages
         self._options = options
-        self._looked: tuple[ref[Document], Edit | None] | None = None
-        """The document, and its last step that was dealt with."""
-        self._waited = 0.0
-        self._last: Edit | None = None
+        self._step = SettledStep()
         self._light: tuple[ref[Document], SceneLight] | None = None
 
     def has_shadow(self, ids: Ids) -> bool:
@@ -42,19 +38,8 @@ class ShadowController:
     def tick(self, seconds: float, is_dragging: bool) -> None:
         """Lay shadows once the last step stays for a moment; called once a frame."""
         document = self._context.document
-        last = document.history.done[-1] if document is not None and document.history.done else None
-        if document is None or self._looked is None or self._looked[0]() is not document:
-            # What was done before a document was opened stays as it was saved.
-            self._looked = None if document is None else (ref(document), last)
-            return
-        is_new = last is not self._looked[1] and document.history.next is None and self._options.lays_shadows
-        if last is None or not is_new or not find_put(last).ids:
-            self._looked, self._last = (ref(document), last), None
-            return
-        self._waited = self._waited + seconds if self._last is last else 0.0
-        self._last = last
-        if self._waited >= SETTLE_SECONDS and not is_dragging:
-            self._looked = (ref(document), last)
+        last = self._step.look(document, seconds, is_dragging)
+        if document is not None and last is not None and self._options.lays_shadows:
             self._follow(document, last)
 
     def add(self, ids: Ids) -> None:
@@ -103,7 +88,7 @@ class ShadowController:
             if history.done and history.done[-1] is last and not self._jobs.is_blocking:
                 joined = _join(last, steps)
                 document.replace_last(joined)
-                self._looked = (ref(document), joined)
+                self._step.replace(document, joined)
 
         self._jobs.submit_in_background(
             phrase("Looking for the shadow of {what}", what=_name(document, put)), plan, finish
