@@ -124,14 +124,15 @@ class DrivenEditor:
         return statistics.median(taken)
 
     def edit_seconds(self, count: int) -> dict[str, float]:
-        """Median time of the frames in which instances are deleted and recoloured, and of those that undo it."""
-        session, taken = self.session, {"delete": [], "recolor": [], "undo": []}
+        """Median time of the frames in which instances are deleted, tinted and painted, and of those that undo it."""
+        session, taken = self.session, {"delete": [], "recolor": [], "paint": [], "undo": []}
         assert session.document is not None
         visible = session.document.find_visible_instances()
         for number in range(count):
             instance = (visible[7 * number % len(visible)],)
             steps = {
                 "recolor": lambda instance=instance: session.colors.recolor(instance, "tint", (0.8, 0.2, 0.1)),
+                "paint": lambda instance=instance: session.colors.recolor(instance, "paint", (0.8, 0.2, 0.1)),
                 "delete": lambda instance=instance: session.deletion.delete(instance),
             }
             for name, step in steps.items():

@@ -7,7 +7,15 @@ from benchmarks.editor import Options, main
 from instdrive_app.render.offscreen import GraphicsError
 
 KEYS = {
-    *("fps_200k_720p", "fps_1m_720p", "fps_1m_720p_moving", "click_ms_1m", "delete_ms_1m", "recolor_ms_1m"),
+    *(
+        "fps_200k_720p",
+        "fps_1m_720p",
+        "fps_1m_720p_moving",
+        "click_ms_1m",
+        "delete_ms_1m",
+        "recolor_ms_1m",
+        "paint_ms_1m",
+    ),
     *("undo_ms_1m", "open_s_1m", "export_s_1m", "max_freeze_ms", "help_s", "brush_ms_1m", "range_ms_1m"),
     *("fps_5m_720p_moving", "click_ms_5m", "open_s_5m"),
 }
