@@ -18,6 +18,8 @@ from instdrive_core.wording import Phrase, phrase
 
 LEAST_DEPTH = 0.2
 """Metres that a thing must reach into another: splats have a width, and wheels stand close to kerbs."""
+MOST_AT_ONCE = 40
+"""Things put somewhere at once that are looked at."""
 _LEAST_POINTS, _LEAST_SHARE = 5, 0.01
 """Splats, and share of the thing's, that must lie so deep."""
 _MOST_POINTS = 1500
@@ -67,11 +69,14 @@ def find_overlaps(
 
     Only compact things count: no ground, walls or hedges, and nothing that is deleted. Trained things that reached into
     each other before any edit do so for the instances' sake; only what has become deeper counts, but for those `added`.
+    Nothing is found for more than `MOST_AT_ONCE` at once: they are a part of the scene, no single objects.
     """
     table = document.scene.table
-    asked = [number for number in dict.fromkeys(ids) if number in table]
-    shapes = {number: _make_shape(document, number) for number in asked}
-    shapes |= {each.id: _make_shape(document, each.id) for each in table if is_compact(each) and each.id not in shapes}
+    asked = [number for number in dict.fromkeys(ids) if number in table and is_compact(table[number])]
+    if not 0 < len(asked) <= MOST_AT_ONCE:
+        return ()
+    near = _list_near(document, asked)
+    shapes = {number: _make_shape(document, number) for number in (*asked, *near)}
     known = {number: shape for number, shape in shapes.items() if shape is not None}
     now = [(time, *document.scene.find_node_poses(time)) for time in times]
     found = []
@@ -104,6 +109,20 @@ def describe_overlap(document: Document, overlap: Overlap) -> Phrase:
             **names, depth=overlap.depth, time=overlap.time,
         )  # fmt: skip
     return phrase("{first} reaches {depth:.1f} m into {second}", **names, depth=overlap.depth)
+
+
+def _list_near(document: Document, asked: Sequence[int]) -> list[int]:
+    """Other compact things that may come near those asked: all that move, and what stands still close by."""
+    table = document.scene.table
+    others = [each for each in table if is_compact(each) and each.id not in asked]
+    if any(table[number].node for number in asked) or not others:
+        return [each.id for each in others]
+    bounds = np.array([each.bounds for each in others])
+    close = np.array([each.node > 0 for each in others])
+    for number in asked:
+        low, high = np.array(table[number].bounds)
+        close |= ((bounds[:, 0] <= high) & (bounds[:, 1] >= low)).all(axis=1)
+    return [each.id for each, is_close in zip(others, close.tolist(), strict=True) if is_close]
 
 
 def _measure_before(document: Document, first: int, second: int, times: Sequence[float]) -> float:
@@ -140,22 +159,29 @@ def _compare(
     first: _Shape, second: _Shape, moments: Sequence[tuple[float, Float64[ndarray, "m 4 4"], ndarray]]
 ) -> Overlap | None:
     """Where one of two things reaches deepest into the other; None where it never does."""
-    together = [(time, poses) for time, poses, present in moments if present[first.node] and present[second.node]]
-    if not first.node and not second.node:
+    together = [
+        (time, poses)
+        for time, poses, present in moments
+        if present[first.node] and present[second.node] and _are_close(first, second, poses)
+    ]
+    if first.node == second.node:
         together = together[:1]
     depths = [max(_measure_depth(first, second, poses), _measure_depth(second, first, poses)) for _, poses in together]
     if not depths or max(depths) < LEAST_DEPTH:
         return None
     deepest = int(np.argmax(depths))
-    return Overlap(first.instance, second.instance, together[deepest][0], depths[deepest], min(depths) < LEAST_DEPTH)
+    passing = first.node != second.node and (min(depths) < LEAST_DEPTH or len(together) < len(moments))
+    return Overlap(first.instance, second.instance, together[deepest][0], depths[deepest], passing)
+
+
+def _are_close(first: _Shape, second: _Shape, poses: Float64[ndarray, "m 4 4"]) -> bool:
+    centers = [poses[shape.node, :3, :3] @ shape.center + poses[shape.node, :3, 3] for shape in (first, second)]
+    return float(np.linalg.norm(centers[0] - centers[1])) <= first.radius + second.radius
 
 
 def _measure_depth(box: _Shape, other: _Shape, poses: Float64[ndarray, "m 4 4"]) -> float:
     """How deep enough splats of the other thing lie in a box, metres along the ground; 0 where they lie outside."""
     to_box = np.eye(4) if box.node == other.node else np.linalg.inv(poses[box.node]) @ poses[other.node]
-    middle = to_box[:3, :3] @ other.center + to_box[:3, 3]
-    if np.linalg.norm(middle - box.center) > box.radius + other.radius:
-        return 0.0
     local = (other.points @ to_box[:3, :3].T + to_box[:3, 3] - box.center) @ box.axes
     inside = (local[:, 2] <= box.half[2]) & (local[:, 2] >= _CLEARANCE - box.half[2])
     depths = (box.half[:2] - np.abs(local[inside, :2])).min(axis=1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from parked_street import CAR, OTHER_CAR, parked_street
+from parked_street import CAR, OTHER_CAR, WALL, parked_street
 from procedural_street import DRIVING_CAR, FIRST_CAR, procedural_street
 
 from instdrive_core.edits.document.document import Document
@@ -55,6 +55,18 @@ def test_copies_count_and_walls_and_ground_do_not(document):
     assert overlap.second == CAR
     document.apply(MoveInstances((CAR,), (3.5, 0.0, 0.0)))  # into the wall: a surface, 24 m long
     assert {each.second for each in find(document, CAR)} <= {copy}
+
+
+def test_surfaces_that_are_moved_are_no_things(document):
+    document.apply(MoveInstances((WALL,), (-4.0, 0.0, 0.0)))  # through both cars
+    assert find(document, WALL) == ()
+
+
+def test_a_part_of_the_scene_is_no_single_thing(document, monkeypatch):
+    document.apply(MoveInstances((CAR,), (0.0, 3.0, 0.0)))
+    monkeypatch.setattr("instdrive_core.edits.queries.overlaps.MOST_AT_ONCE", 1)
+    assert find(document, CAR)
+    assert find(document, CAR, OTHER_CAR) == ()
 
 
 def test_what_training_left_inside_of_each_other_is_no_news():
