@@ -41,6 +41,16 @@ class Reference(Enum):
     MASKS = "Masks"
 
 
+class Comparison(Enum):
+    """How photo or masks are compared with the splats."""
+
+    OVER = "Over the splats"
+    BESIDE = "Side by side"
+    WIPE = "Wipe"
+    FLICKER = "Flicker"
+    ERROR = "Heat map of the difference"
+
+
 @dataclass(frozen=True)
 class Intrinsics:
     """Pinhole intrinsics of a film, in pixels; the film is fitted into the viewport that shows it."""
@@ -171,8 +181,17 @@ class EditorState:
     """Whether orbiting stops above the ground."""
     reference: Reference = Reference.NONE
     reference_opacity: float = 0.5
-    reference_beside: bool = False
-    """Whether photo or masks are shown beside the splats instead of over them."""
+    comparison: Comparison = Comparison.OVER
+    """How photo or masks are shown with the splats."""
+    wipe: float = 0.5
+    """Share of the film's width, from the left, that a wipe shows of the photo or the masks."""
+    show_cameras: bool = False
+    """Whether the photos' cameras are drawn where they stood."""
+
+    @property
+    def compares(self) -> bool:
+        """Whether the view looks through a dataset camera and shows its photo or masks."""
+        return self.reference is not Reference.NONE and self.dataset_view is not None
 
     @property
     def draws_sky(self) -> bool:

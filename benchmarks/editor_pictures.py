@@ -27,7 +27,7 @@ from instdrive_app.shell.display import has_display
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
-from instdrive_app.state import Reference, ViewMode, resolve
+from instdrive_app.state import Comparison, Reference, ViewMode, resolve
 
 SIZE = (1280, 720)
 MAX_BYTES = 900_000
@@ -94,7 +94,7 @@ class Tour:
     def _comparing(self) -> Iterator[None]:
         state = self._session.state
         state.view_mode, state.tool = ViewMode.COLOR, "pick"
-        state.reference, state.reference_beside = Reference.PHOTO, True
+        state.reference, state.comparison = Reference.PHOTO, Comparison.BESIDE
         yield from self._until(lambda: not self._session.references.is_reading)
 
     def _finding(self) -> Iterator[None]:

@@ -6,11 +6,25 @@ from collections.abc import Callable
 
 from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.state import Reference
+from instdrive_app.state import Comparison, Reference, ViewMode
+
+_KINDS: tuple[tuple[str, str, Comparison, str, tuple[str, ...], tuple[str, ...]], ...] = (
+    ("view.beside", "Side by side", Comparison.BESIDE, "ICON_FA_TABLE_COLUMNS", ("Alt+P",), ("compare", "split")),
+    ("view.wipe", "Wipe", Comparison.WIPE, "ICON_FA_LEFT_RIGHT", (), ("compare", "curtain", "slider")),
+    ("view.flicker", "Flicker", Comparison.FLICKER, "ICON_FA_BOLT", (), ("compare", "blink", "toggle")),
+    (
+        "view.error",
+        "Heat map of the difference",
+        Comparison.ERROR,
+        "ICON_FA_FIRE",
+        (),
+        ("compare", "error", "PSNR", "quality"),
+    ),
+)
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """List the part of the View menu about photo, masks and side by side."""
+    """List the part of the View menu about photo, masks, and how they are compared with the splats."""
     state = session.state
 
     def looks_through_camera() -> bool:
@@ -21,11 +35,10 @@ def list_actions(session: EditorSession) -> list[Action]:
     def show(kind: Reference) -> Callable[[], None]:
         def run() -> None:
             state.reference = Reference.NONE if state.reference is kind else kind
+            if state.comparison is Comparison.ERROR:  # of photos only
+                state.comparison = Comparison.OVER
 
         return run
-
-    def toggle_beside() -> None:
-        state.reference_beside = not state.reference_beside
 
     return [
         Action(
@@ -51,15 +64,36 @@ def list_actions(session: EditorSession) -> list[Action]:
             icon="ICON_FA_OBJECT_GROUP",
             needs="Look through a camera that has masks",
         ),
-        Action(
-            "view.beside",
-            "Side by side",
-            toggle_beside,
-            "View",
-            ("Alt+P",),
-            enabled=lambda: looks_through_camera() and state.reference is not Reference.NONE,
-            checked=lambda: state.reference_beside,
-            icon="ICON_FA_TABLE_COLUMNS",
-            needs="Show the photo or the masks first",
+        *(
+            Action(
+                name,
+                title,
+                _create_toggle(session, kind),
+                "View",
+                keys,
+                enabled=looks_through_camera,
+                checked=lambda kind=kind: state.reference is not Reference.NONE and state.comparison is kind,
+                icon=icon,
+                words=words,
+                needs="Look through a camera that has photos",
+            )
+            for name, title, kind, icon, keys, words in _KINDS
         ),
     ]
+
+
+def _create_toggle(session: EditorSession, kind: Comparison) -> Callable[[], None]:
+    """Show the photo, or the masks that are shown, in this way; where that is so already, over the splats again."""
+    state = session.state
+
+    def run() -> None:
+        if state.reference is not Reference.NONE and state.comparison is kind:
+            state.comparison = Comparison.OVER
+            return
+        state.comparison = kind
+        if state.reference is Reference.NONE or kind is Comparison.ERROR:
+            state.reference = Reference.PHOTO
+        if kind is Comparison.ERROR:
+            state.view_mode = ViewMode.COLOR
+
+    return run

@@ -15,11 +15,19 @@ from instdrive_app.panels.widgets.ui import (
     scale_pixels,
     scale_size,
 )
-from instdrive_app.state import Reference
+from instdrive_app.state import Comparison, Reference
 from instdrive_core.wording import phrase
 
 SLIDER_WIDTH = 12
 """Width, in font sizes, that slider and time need; where less is left of the line, they begin another."""
+
+HINTS = {
+    Comparison.BESIDE: "{picture} beside the splats",
+    Comparison.WIPE: "{picture} at the left, splats at the right; drag the line between them",
+    Comparison.FLICKER: "{picture} and splats in turn",
+    Comparison.ERROR: "How far the splats are from the photo",
+}
+"""What is said of each way to compare, where there is no slider."""
 
 
 class TimelinePanel:
@@ -56,7 +64,7 @@ class TimelinePanel:
     def _draw_reference(self, ui: Ui) -> None:
         """Draw the switches that show photos or masks over the splats or beside them."""
         session, state = ui.session, ui.session.state
-        for name in ("view.photo", "view.masks", "view.beside"):
+        for name in ("view.photo", "view.masks", "view.beside", "view.wipe", "view.flicker", "view.error"):
             draw_action_button(ui, session.actions[name], scale_size(30, 0))
             imgui.same_line()
         if state.dataset_view is None:
@@ -64,8 +72,8 @@ class TimelinePanel:
         elif state.reference is Reference.NONE:
             known = session.document is not None and session.document.scene.views[state.dataset_view].photo
             _draw_hint("Compare with the photo or its masks" if known else "This scene comes without its photos")
-        elif state.reference_beside:
-            _draw_hint(phrase("{picture} beside the splats", picture=phrase(state.reference.value)))
+        elif state.comparison is not Comparison.OVER:
+            _draw_hint(phrase(HINTS[state.comparison], picture=phrase(state.reference.value)))
         else:
             imgui.set_next_item_width(imgui.get_font_size() * 12)
             form = f"{translate(state.reference.value)} %.0f %%"

@@ -35,11 +35,12 @@ from instdrive_app.session.requests import OfferCleanup, RequestQueue, do_nothin
 from instdrive_app.session.selection_controller import SelectionController
 from instdrive_app.session.shape.completion_controller import CompletionController
 from instdrive_app.session.showing.path_controller import PathController
+from instdrive_app.session.showing.photo_difference import PhotoDifference
 from instdrive_app.session.turn_controller import TurnController
 from instdrive_app.session.value_filter import ValueFilter
 from instdrive_app.session.view_memory import restore_view
 from instdrive_app.session.visibility_controller import VisibilityController
-from instdrive_app.state import EditorState
+from instdrive_app.state import Comparison, EditorState
 from instdrive_core.edits.document.document import Document
 from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.filming.path_file import FIELD
@@ -77,6 +78,7 @@ class EditorSession:
         self.navigation = Navigation(context)
         self.camera_path = PathController(context, self.navigation)
         self.references = ReferencePictures(self.messages.error, self.wake)
+        self.difference = PhotoDifference(context)
 
         self.selection = SelectionController(context)
         self.filter = ValueFilter(context)
@@ -183,6 +185,7 @@ class EditorSession:
         self._deferred_bounds.tick()
         self.navigation.tick(seconds)
         self.camera_path.tick(seconds)
+        self.difference.tick(seconds, self.state.compares and self.state.comparison is Comparison.ERROR)
         self.shadows.tick(seconds, self.movement.drag is not None)
         self._overlaps.tick(seconds, self.movement.drag is not None)
         self.deletion.review.tick(seconds, self.movement.drag is not None)

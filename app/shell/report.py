@@ -58,7 +58,9 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         "reference": {
             "kind": session.state.reference.name,
             "opacity": session.state.reference_opacity,
-            "beside": session.state.reference_beside,
+            "comparison": session.state.comparison.name,
+            "wipe": session.state.wipe,
+            "psnr": session.difference.psnr,
         },
         "hovered": session.state.hovered,
         "tool": session.state.tool,

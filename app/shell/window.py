@@ -41,6 +41,7 @@ from instdrive_app.shell.window_layout import (
     WindowOptions,
     build_runner_parameters,
 )
+from instdrive_app.state import Comparison
 from instdrive_app.tools.registry import create_tools
 from instdrive_core.wording import phrase
 
@@ -273,6 +274,8 @@ class EditorWindow:
             or session.navigation.playing
             or session.camera_path.playing
             or session.references.is_reading
+            or session.difference.is_comparing
+            or (session.state.compares and session.state.comparison is Comparison.FLICKER)
         )
         busy = busy or session.history.is_jumping
         return busy or not self.ui.view.settled

@@ -1,23 +1,29 @@
-"""The dataset camera's photo or masks, over the splats or beside them."""
+"""The dataset camera's photo or masks: over the splats, beside them, in turn with them, or as their difference."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from instdrive_app.language.translation import translate
+from instdrive_app.panels.overlays.wipe import WipeLine
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.preferences.themes import BACKGROUND, DIM, PICTURE_ACCENT, PICTURE_SHADE, TEXT
-from instdrive_app.state import Reference
+from instdrive_app.session.showing.photo_difference import HEAT_RAMP, HOT, Difference
+from instdrive_app.state import Comparison, Reference, ViewMode
 
 GAP = 2
 """Pixels between the two pictures."""
+FLICKER_SECONDS = 0.6
+"""Time for which the splats and the photo are shown in turn."""
 
 
 def split_viewport(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | None]:
     """Divide the viewport: the part for the splats, and the one for the photo if it is shown beside them."""
     state = ui.session.state
-    if not state.reference_beside or state.reference is Reference.NONE or state.dataset_view is None:
+    if state.comparison is not Comparison.BESIDE or not state.compares:
         return whole, None
     half = (whole.width - GAP) // 2
     left = Rectangle(whole.x, whole.y, half, whole.height)
@@ -27,17 +33,62 @@ def split_viewport(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | Non
 class ReferenceOverlay:
     """Shows photo or masks as chosen in the timeline; only dataset cameras have them."""
 
+    def __init__(self) -> None:
+        self._line = WipeLine()
+
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """Draw the photo over the splats exactly where the camera's film is, as opaque as the slider says."""
+        """Draw the photo exactly where the camera's film is, in the way that is chosen."""
         state = ui.session.state
-        if state.reference is Reference.NONE or state.reference_beside or state.dataset_view is None:
+        if not state.compares or state.comparison is Comparison.BESIDE:
             return
         texture = _find_texture(ui)
-        if texture is not None:
-            _draw_image(ui, place, texture, state.reference_opacity)
-            ui.marks["reference"] = (place.x, place.y, place.x + place.width, place.y + place.height)
-        elif missing := _explain_missing(ui):
-            _draw_plate(place.x + (place.width - _measure_plate(missing)) / 2, place.y + scale_pixels(10), missing)
+        if texture is None:
+            missing = _explain_missing(ui)
+            if missing:
+                _draw_plate(place.x + (place.width - _measure_plate(missing)) / 2, place.y + scale_pixels(10), missing)
+            return
+        ui.marks["reference"] = (place.x, place.y, place.x + place.width, place.y + place.height)
+        match state.comparison:
+            case Comparison.WIPE:
+                left, top, right, bottom = state.viewpoint.fit_film(place.width, place.height)
+                film = (place.x + left, place.y + top, place.x + right, place.y + bottom)
+                _draw_image(ui, place, texture, 1.0, state.wipe)
+                self._line.draw(ui, film)
+                self._name_sides(ui, film)
+            case Comparison.FLICKER:
+                shows_photo = imgui.get_time() % (2 * FLICKER_SECONDS) < FLICKER_SECONDS
+                if shows_photo:
+                    _draw_image(ui, place, texture, 1.0)
+                self._name(place, state.reference.value if shows_photo else Reference.NONE.value)
+            case Comparison.ERROR:
+                self._draw_difference(ui, place)
+            case _:
+                _draw_image(ui, place, texture, state.reference_opacity)
+
+    def _name_sides(self, ui: Ui, film: tuple[float, float, float, float]) -> None:
+        """Name what is left and right of the line, where there is room for it."""
+        left, _, right, bottom = film
+        border, gap = left + ui.session.state.wipe * (right - left), scale_pixels(10)
+        top = bottom - imgui.get_text_line_height() - 2 * gap - scale_pixels(5)
+        photo, splats = (translate(kind.value) for kind in (ui.session.state.reference, Reference.NONE))
+        if border - left > _measure_plate(photo) + 2 * gap:
+            _draw_plate(border - gap - _measure_plate(photo), top, photo)
+        if right - border > _measure_plate(splats) + 2 * gap:
+            _draw_plate(border + gap, top, splats)
+
+    def _name(self, place: Rectangle, name: str) -> None:
+        text = translate(name)
+        _draw_plate(place.x + (place.width - _measure_plate(text)) / 2, place.y + scale_pixels(10), text)
+
+    def _draw_difference(self, ui: Ui, place: Rectangle) -> None:
+        difference, found = ui.session.difference, ui.session.difference.current
+        if ui.session.state.view_mode is not ViewMode.COLOR:
+            self._name(place, "The heat map compares colours; choose the colour view")
+        elif found is None:
+            self._name(place, difference.problem or "Comparing with the photo…")
+        else:
+            _draw_image(ui, place, ui.textures.show("difference", found.heat), 1.0)
+            _draw_legend(ui, place, found)
 
 
 def draw_reference_beside(ui: Ui, place: Rectangle) -> None:
@@ -72,14 +123,41 @@ def _find_texture(ui: Ui) -> int | None:
     return None if picture is None else ui.textures.show("reference", picture)
 
 
-def _draw_image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
+def _draw_image(ui: Ui, place: Rectangle, texture: int, opacity: float, share: float = 1.0) -> None:
+    """Draw a picture where the film is, or its left part of this share of the width."""
     left, top, right, bottom = ui.session.state.viewpoint.fit_film(place.width, place.height)
+    right = left + share * (right - left)
     low, high = ImVec2(place.x + left, place.y + top), ImVec2(place.x + right, place.y + bottom)
     draw = imgui.get_window_draw_list()
     draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
     tint = imgui.get_color_u32(ImVec4(1, 1, 1, opacity))
-    draw.add_image(imgui.ImTextureRef(texture), low, high, ImVec2(0, 0), ImVec2(1, 1), tint)
+    draw.add_image(imgui.ImTextureRef(texture), low, high, ImVec2(0, 0), ImVec2(share, 1), tint)
     draw.pop_clip_rect()
+
+
+def _draw_legend(ui: Ui, place: Rectangle, found: Difference) -> None:
+    """Draw what the heat map's colours mean, and the figures of the whole picture."""
+    gap = scale_pixels(10)
+    words = (
+        translate("PSNR {psnr:.1f} dB", psnr=found.psnr),
+        translate("mean difference {share:.1f} %", share=100 * found.mean_error),
+    )
+    text, line = "  ·  ".join(words), imgui.get_text_line_height()
+    width = min(max(imgui.calc_text_size(text).x, scale_pixels(220)), place.width - 4 * gap)
+    left, top = place.x + 2 * gap, place.y + place.height - 2 * line - 4.5 * gap
+    corner = ImVec2(left + width + gap, top + 2 * line + 3 * gap)
+    draw = imgui.get_window_draw_list()
+    draw.add_rect_filled(ImVec2(left - gap, top - gap / 2), corner, pack_color(BACKGROUND, 0.85), scale_pixels(4))
+    ui.marks["viewport.difference"] = (left - gap, top - gap / 2, corner.x, corner.y)
+    draw.add_text(ImVec2(left, top), pack_color(TEXT), text)
+    part, bar = width / (len(HEAT_RAMP) - 1), top + line + 0.7 * gap
+    for number, (first, second) in enumerate(pairwise(HEAT_RAMP)):
+        low, high = ImVec2(left + number * part, bar), ImVec2(left + (number + 1) * part, bar + gap)
+        a, b = pack_color(first), pack_color(second)
+        draw.add_rect_filled_multi_color(low, high, a, b, b, a)
+    end = translate("{share:.0f} % or more", share=100 * HOT)
+    draw.add_text(ImVec2(left, bar + 1.2 * gap), pack_color(TEXT), translate("equal"))
+    draw.add_text(ImVec2(left + width - imgui.calc_text_size(end).x, bar + 1.2 * gap), pack_color(TEXT), end)
 
 
 def _explain_missing(ui: Ui) -> str:

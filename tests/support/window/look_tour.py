@@ -29,7 +29,7 @@ from instdrive_app.session.requests import ReceiveDrop, ShowPanel
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
-from instdrive_app.state import Reference, ViewMode
+from instdrive_app.state import Comparison, Reference, ViewMode
 
 LONG_NAME = ("A parked delivery van with a rather long name, behind the second lamp post, " * 3)[:200]
 """The longest name allowed."""
@@ -118,11 +118,12 @@ class Tour:
         yield from self._look("camera")
         state.reference = Reference.PHOTO
         yield from self._look("photo over")
-        state.reference_beside = True
-        yield from self._look("side by side")
+        for comparison in (Comparison.WIPE, Comparison.ERROR, Comparison.BESIDE):
+            state.comparison = comparison
+            yield from self._look(comparison.value.lower(), frames=8)
         state.view_mode = ViewMode.DEPTH
         yield from self._look("side by side, depth")
-        state.view_mode, state.reference, state.reference_beside = ViewMode.COLOR, Reference.NONE, False
+        state.view_mode, state.reference, state.comparison = ViewMode.COLOR, Reference.NONE, Comparison.OVER
         middle = self._window.ui.marks["picture"]
         self._window.ui.script_pointer = ((middle[2] - middle[0]) / 2, (middle[3] - middle[1]) / 2)
         yield from self._look("hover")
