@@ -67,6 +67,7 @@ def build_config(feature_dim: int, with_instances: bool) -> TrainConfig:
         geometry=replace(config.geometry, coarse_iterations=0),
         instances=replace(
             config.instances,
+            learned_by="losses" if with_instances else "votes",
             schedule="joint" if with_instances else "after",
             feature_dim=feature_dim,
             pseudo_start=0.0,

@@ -24,7 +24,7 @@ from instdrive_core.training.gaussians.first_gaussians import (
     compute_scene_radius,
 )
 from instdrive_core.training.gaussians.model import build_model
-from instdrive_core.training.settings.config import InstanceConfig, TrainConfig
+from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.trainer_world import move_to_clip_world
 from instdrive_core.training.views.view_store import ViewStore
@@ -35,7 +35,7 @@ def build_trainer_from_clip(config: TrainConfig, clip: Clip, store: ViewStore, b
     start = build_initial_scene(
         clip, store, config.init, config.geometry.sh_degree, config.seed, moving_actors=config.init.moving_actors
     )
-    gaussians = add_first_features(start.gaussians, config.instances, config.seed)
+    gaussians = add_first_features(start.gaussians, config)
     sky = make_uniform_sky(compute_mean_sky_color(store), config.geometry.sky_resolution)
     model = build_model(gaussians, start.nodes, start.actors, sky, store.times)
     return Trainer(model, store, config, compute_scene_radius(store), backend)
@@ -51,7 +51,7 @@ def build_trainer_from_scene(
     Raises DataError where the scene cannot be opened or placed, or no camera of the clip sees it.
     """
     scene = move_to_clip_world(open_scene(path), path, clip)
-    gaussians = add_first_features(move_to_origin(scene, clip.origin), config.instances, config.seed)
+    gaussians = add_first_features(move_to_origin(scene, clip.origin), config)
     if not is_any_visible(gaussians.means[scene.nodes == 0], store):
         raise DataError(
             path,
@@ -90,10 +90,10 @@ def resume_trainer(
     return trainer
 
 
-def add_first_features(gaussians: Gaussians, config: InstanceConfig, seed: int) -> Gaussians:
-    """Copy the Gaussians with random features (N, d) in place of their own; d is `config.feature_dim`."""
-    shape = (len(gaussians), config.feature_dim)
-    features = make_generator(seed, Stream.FIRST_FEATURES).normal(0, config.init_std, shape)
+def add_first_features(gaussians: Gaussians, config: TrainConfig) -> Gaussians:
+    """Copy the Gaussians with random features (N, d) in place of their own; d is `config.trained_feature_dim`."""
+    shape = (len(gaussians), config.trained_feature_dim)
+    features = make_generator(config.seed, Stream.FIRST_FEATURES).normal(0, config.instances.init_std, shape)
     return replace(gaussians, features=features.astype(np.float32))
 
 

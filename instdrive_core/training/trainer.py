@@ -36,6 +36,7 @@ from instdrive_core.training.instances.instance_losses import segments_from_labe
 from instdrive_core.training.losses.instance_terms import INSTANCE_TERMS, InstanceStep, sample_rendered_pixels
 from instdrive_core.training.losses.loss_term import compute_terms
 from instdrive_core.training.losses.rgb_terms import RGB_TERMS, RgbStep
+from instdrive_core.training.losses.unread_losses import StepLosses, UnreadLosses
 from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.settings.events import (
     CheckpointDue,
@@ -82,6 +83,8 @@ class Trainer:
     _cache: list[CachedView] = field(default_factory=list)
     _drawn: tuple[TrainingView, Tensor] | None = None
     """Photo of the last RGB step, and what was drawn for it."""
+    _unread: UnreadLosses = field(default_factory=UnreadLosses)
+    _last_losses: StepLosses = field(default_factory=lambda: StepLosses(0, {}, float("nan")))
 
     def __post_init__(self) -> None:
         self.model.move_to(self.backend.device)
@@ -114,21 +117,25 @@ class Trainer:
             message = f"caching the blending weights of {len(self.store)} views"
         yield StageStarted(self.stage, self.iteration, total, message)
         while self.iteration < total:
-            terms, image_psnr = self.rgb_step() if self.stage == "rgb" else self.instance_step()
+            if self.stage == "rgb":
+                self.rgb_step()
+            else:
+                self.instance_step()
             refinement = self.after_rgb_step() if self.stage == "rgb" else None
             self.iteration += 1
             if refinement is not None:
                 yield refinement
             if self.iteration % self.config.report_every == 0 or self.iteration == total:
+                losses = self.read_losses()
                 yield StepDone(
                     self.stage,
                     self.iteration,
                     total,
-                    sum(terms.values()),
-                    image_psnr,
+                    sum(losses.terms.values()),
+                    losses.psnr if self.stage == "rgb" else None,
                     len(self.model),
                     self.seconds,
-                    terms,
+                    losses.terms,
                 )
             if self.stage == "rgb" and (self.iteration - 1) % PICTURE_EVERY == 0 and self._drawn is not None:
                 yield self._show_drawn(*self._drawn)
@@ -138,13 +145,14 @@ class Trainer:
 
     # One step of each stage, from top to bottom.
 
-    def rgb_step(self) -> tuple[dict[str, float], float]:
+    def rgb_step(self) -> None:
         """One image: draw, compare, descend. With the `joint` schedule the instance losses ride along."""
         config, shared, backend = self.config.geometry, self.model.shared, self.backend
         number, coarse = self._choose_view(self.iteration)
         self.store.prefetch([self._choose_view(self.iteration + ahead) for ahead in range(1, _READ_AHEAD)])
         view = self.store.get(number, coarse)
-        joint = self.config.instances.schedule == "joint" and view.labels is not None
+        rides_along = self.config.trains_features and self.config.instances.schedule == "joint"
+        joint = rides_along and view.labels is not None
 
         camera = self.cameras.correct(number, view.camera)
         drawn = render_view(self.model, backend, camera, view.time, joint)
@@ -158,13 +166,12 @@ class Trainer:
         if joint:
             terms |= compute_terms(INSTANCE_TERMS, self._sample_joint_pixels(view, drawn))
 
-        values, psnr = self._backward(terms, step.psnr)
+        self._backward(terms, step.psnr)
         if not coarse:
             self._descend_camera(number, camera, drawn)
         self._descend(drawn)
-        return values, psnr
 
-    def instance_step(self) -> tuple[dict[str, float], None]:
+    def instance_step(self) -> None:
         """One view's sampled pixels, features only: F_pix = W F with the cached weights of the frozen geometry."""
         if not self._cache:
             self.continue_on_cpu()
@@ -175,9 +182,8 @@ class Trainer:
             leaf = gather_rows(self.model.parameters["features"], view.rows).requires_grad_(True)
             step.features, step.segments = blend_features(leaf, view), view.segments
             seen = (view.rows, leaf)
-        values, _ = self._backward(compute_terms(INSTANCE_TERMS, step))
+        self._backward(compute_terms(INSTANCE_TERMS, step))
         self._descend_features(None if seen is None or seen[1].grad is None else (seen[0], seen[1].grad, None))
-        return values, None
 
     # What the steps are made of.
 
@@ -199,20 +205,26 @@ class Trainer:
         segments = segments_from_labels(labels)
         return InstanceStep(self.config, self.iteration, self.model, Stream.JOINT_VOXELS, features, segments)
 
-    def _backward(
-        self, terms: dict[str, Tensor], psnr: Tensor | float = float("nan")
-    ) -> tuple[dict[str, float], float]:
-        """Descend from all terms; their values and the PSNR are read from the device together, which waits once."""
-        scalars = [*(term.detach() for term in terms.values()), torch.as_tensor(psnr, dtype=torch.float64)]
-        *read, read_psnr = torch.stack([scalar.to(self.backend.device).double() for scalar in scalars]).tolist()
-        values = dict(zip(terms, read, strict=True))
-        for name, value in values.items():
-            if not np.isfinite(value):
-                raise self._describe_divergence(f"{name} loss is {value}")
+    def read_losses(self) -> StepLosses:
+        """Read the losses of all steps since the last call, which waits for the device once, and return the last ones.
+
+        Raises TrainingDivergedError for the first step with a loss that is not finite.
+        """
+        for losses in self._unread.read():
+            self._last_losses = losses
+            for name, value in losses.terms.items():
+                if not np.isfinite(value):
+                    raise self._describe_divergence(f"{name} loss is {value}", losses.iteration)
+        return self._last_losses
+
+    def _backward(self, terms: dict[str, Tensor], psnr: Tensor | float = float("nan")) -> None:
+        """Compute the gradients of all terms. Their values are read at once only where that costs no wait."""
+        self._unread.add(self.iteration, terms, psnr, self.backend.device)
+        if self.backend.uses_kernels:
+            self.read_losses()
         graphs = [term for term in terms.values() if term.requires_grad]
         if graphs:
             torch.stack([term.to(self.backend.device) for term in graphs]).sum().backward()
-        return values, read_psnr
 
     def _descend(self, drawn: RenderedView) -> None:
         optimizers, gradients = self.optimizers, drawn.gradients()
@@ -236,16 +248,17 @@ class Trainer:
     def _descend_features(self, seen: tuple[Tensor, Tensor, Tensor | None] | None) -> None:
         """Descend along the voxel loss's gradient of all features, and the blended map's of those that a view saw:
         their rows, gradients and, where not all of them, which were visible."""
-        features = self.model.parameters["features"]
+        features, optimizer = self.model.parameters["features"], self.optimizers.features
+        assert optimizer is not None
         everywhere, features.grad = features.grad, None
         if everywhere is None and seen is not None:
             rows, gradient, visible = seen
-            self.optimizers.features.step(rows, {"features": gradient}, visible)
+            optimizer.step(rows, {"features": gradient}, visible)
         elif everywhere is not None:
             if seen is not None:
                 everywhere.index_add_(0, seen[0], seen[1])
             rows = torch.arange(len(features), device=features.device)
-            self.optimizers.features.step(rows, {"features": everywhere}, None)
+            optimizer.step(rows, {"features": everywhere}, None)
 
     def after_rgb_step(self) -> DensifyDone | None:
         """Grow and prune where the schedule says so; the step at `iteration` has just been done."""
@@ -273,6 +286,7 @@ class Trainer:
     def continue_on_cpu(self) -> None:
         """Move everything to the CPU: the instance stage is sparse products on frozen geometry, which take no GPU."""
         if not self.backend.uses_kernels:
+            self.read_losses()
             state = {name: value.cpu() for name, value in self.optimizers.state_tensors().items()}
             self.backend = CpuBackend()
             self.model.move_to(self.backend.device)
@@ -280,14 +294,15 @@ class Trainer:
             self.optimizers.load_state_tensors(state)
 
     def check_parameters(self) -> None:
-        """Check that all parameters are finite: others are not drawn, so no loss would show them, and no checkpoint may
-        hold them."""
+        """Check that all losses so far and all parameters are finite: parameters that are not are not drawn, so no loss
+        would show them, and no checkpoint may hold them."""
+        self.read_losses()
         for name, value in {**self.model.parameters, **self.model.shared}.items():
             if not bool(torch.isfinite(value).all()):
-                raise self._describe_divergence(f"{name} is not finite")
+                raise self._describe_divergence(f"{name} is not finite", self.iteration)
 
-    def _describe_divergence(self, what: str) -> TrainingDivergedError:
+    def _describe_divergence(self, what: str, iteration: int) -> TrainingDivergedError:
         return TrainingDivergedError(
-            f"{what} at step {self.iteration} of the {self.stage} stage. Check the clip's photos and poses; "
+            f"{what} at step {iteration} of the {self.stage} stage. Check the clip's photos and poses; "
             "--resume goes on from the last checkpoint."
         )

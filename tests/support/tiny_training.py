@@ -86,6 +86,7 @@ def new_trainer(config: TrainConfig, backend: Backend | None = None, harmonics: 
     views = photographed(truth, which, 1)
     start = truth.copy()
     start.sh_rest = np.zeros((len(which), harmonics, 3), np.float32)
+    start.features = start.features[:, : config.trained_feature_dim]
     start.sh_dc += rng.normal(0, 0.6, start.sh_dc.shape).astype(np.float32)
     sky = np.full((6, 8, 8, 3), 0.5, np.float32)
     model = build_model(start, np.zeros(len(which), np.uint16), (), sky, [view.time for view in views])

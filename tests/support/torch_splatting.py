@@ -131,8 +131,8 @@ class TorchSplatting:
                     pairs.append(((row * tile_width + column) << 32 | depth, splat))
         pairs.sort()
         keys = torch.tensor([key for key, _ in pairs], dtype=torch.int64)
-        counts = torch.zeros(1, depths.shape[1], dtype=torch.int32)
-        return counts, keys, torch.tensor([splat for _, splat in pairs], dtype=torch.int32)
+        splats = torch.tensor([splat for _, splat in pairs], dtype=torch.int32)
+        return torch.bincount(splats, minlength=depths.shape[1]).int()[None], keys, splats
 
     @torch.no_grad()
     def isect_offset_encode(self, isect_ids, n_images, tile_width, tile_height):

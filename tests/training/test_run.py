@@ -209,7 +209,7 @@ def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp
         np.testing.assert_array_equal(getattr(after.gaussians, name), getattr(before.gaussians, name), err_msg=name)
     assert len(after.actors) == len(before.actors)
     assert bool(before.actors) == (form == "run")
-    first = add_first_features(before.gaussians, config.instances, config.seed).features
+    first = add_first_features(before.gaussians, config).features
     assert np.abs(after.gaussians.features - first).max() > 0.01
     lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
     assert {line["stage"] for line in lines} == {"instances"}

@@ -38,9 +38,12 @@ class Optimizers:
             },
             by_kernels=by_kernels,
         )
-        self.features = VisibleAdam(
-            {"features": p["features"]}, {"features": config.instances.feature_lr}, by_kernels=by_kernels
+        self.features = (
+            VisibleAdam({"features": p["features"]}, {"features": config.instances.feature_lr}, by_kernels=by_kernels)
+            if p["features"].shape[1]
+            else None
         )
+        """None where Gaussians have no features, as where votes learn instances: no moments, no counts."""
         self.tracks = VisibleAdam(
             model.corrections, dict.fromkeys(model.corrections, geometry.track_lr), by_kernels=by_kernels
         )
@@ -65,7 +68,8 @@ class Optimizers:
         """Rearrange the optimisers' rows as the model's after Gaussians were added and removed."""
         p = model.parameters
         self.geometry = self.geometry.rearrange(parents, fresh, {name: p[name] for name in GEOMETRY})
-        self.features = self.features.rearrange(parents, fresh, {"features": p["features"]})
+        if self.features is not None:
+            self.features = self.features.rearrange(parents, fresh, {"features": p["features"]})
 
     def state_tensors(self) -> dict[str, Tensor]:
         """Tensors that a resumed run needs, by name."""
@@ -86,12 +90,13 @@ class Optimizers:
             self.sky.state[faces] = {name: value.to(faces.device, copy=True) for name, value in sky.items()}
 
     def _groups(self) -> dict[str, VisibleAdam]:
-        return {
+        groups = {
             "geometry": self.geometry,
             "features": self.features,
             "tracks": self.tracks,
             "exposures": self.exposures,
         }
+        return {name: optimizer for name, optimizer in groups.items() if optimizer is not None}
 
 
 def _step_touched(optimizer: VisibleAdam, parameters: dict[str, Tensor], decay: float) -> None:

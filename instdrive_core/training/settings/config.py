@@ -201,10 +201,19 @@ class TrainConfig:
     """Steps between two progress events."""
 
     @property
+    def trains_features(self) -> bool:
+        """Whether the trainer learns a feature per Gaussian; votes and methods learned elsewhere need none of it."""
+        return self.instances.learned_by == "losses" and self.method not in LEARNED_ELSEWHERE
+
+    @property
+    def trained_feature_dim(self) -> int:
+        """Numbers of each Gaussian's trained feature: 0 where none is trained, so that none takes memory."""
+        return self.instances.feature_dim if self.trains_features else 0
+
+    @property
     def instance_iterations(self) -> int:
         """Steps of the instance stage that follows the RGB stage."""
-        trained = self.instances.learned_by == "losses" and self.method not in LEARNED_ELSEWHERE
-        return self.instances.iterations if trained and self.instances.schedule == "after" else 0
+        return self.instances.iterations if self.trains_features and self.instances.schedule == "after" else 0
 
     def to_json(self) -> dict[str, Any]:
         """Nested plain values that `from_json` reads."""

@@ -20,7 +20,7 @@ from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
 from instdrive_core.training.gaussians import view_rendering, visible_adam
 from instdrive_core.training.settings.config import TrainConfig, keep_cameras
 from instdrive_core.training.settings.events import DensifyDone, Event, StepDone
-from instdrive_core.training.trainer import Trainer
+from instdrive_core.training.trainer import Trainer, TrainingDivergedError
 
 CUBIC = 15
 """Harmonics of degree 3 beside the constant one."""
@@ -111,8 +111,9 @@ def test_a_run_may_change_the_device(backends: tuple[str, str], tmp_path: Path) 
     first.iteration += 1
     save_checkpoint(path, first)
     second = resume_trainer(config, first.store, path, load_checkpoint(path), build_backend(backends[1]))
-    expected, found = first.rgb_step(), second.rgb_step()
-    assert found[0]["rgb"] == pytest.approx(expected[0]["rgb"], rel=1e-3)
+    first.rgb_step()
+    second.rgb_step()
+    assert second.read_losses().terms["rgb"] == pytest.approx(first.read_losses().terms["rgb"], rel=1e-3)
 
 
 def test_the_instance_stage_goes_on_on_the_cpu_with_all_that_was_learned() -> None:
@@ -174,8 +175,8 @@ class HostReads(TorchFunctionMode):
         return any(isinstance(part, torch.Tensor) and part.dtype == torch.bool for part in parts)
 
 
-def test_a_step_waits_for_the_gpu_twice() -> None:
-    """For the number of rows in view, and for the losses; gsplat itself waits for the length of its lists."""
+def test_a_step_waits_for_the_gpu_once_and_steps_are_read_together() -> None:
+    """For the number of rows in view; gsplat itself waits for the length of its lists. Losses wait to be read."""
     trainer, _ = new_trainer(keep_cameras(short_config("after")), backend_of("like 1.6"), CUBIC)
     for _ in range(2):
         trainer.rgb_step()
@@ -183,4 +184,34 @@ def test_a_step_waits_for_the_gpu_twice() -> None:
     on_the_cpu = ("camera_poses.py", "actor_poses.py")  # anywhere; without actors there is nothing to wait for
     with HostReads(but=("torch_splatting.py", *on_the_cpu)) as reads:
         trainer.rgb_step()
-    assert reads.calls == ["tolist in find_rows_on_device", "tolist in _backward"]
+        assert reads.calls == ["tolist in find_rows_on_device"]
+        trainer.iteration += 1
+        assert trainer.read_losses().iteration == 2
+    assert reads.calls[1:] == ["tolist in read"], "all three steps are read at once"
+
+
+def test_a_loss_that_is_not_finite_is_told_of_its_own_step() -> None:
+    """Though it is read with those of later steps, before anything is saved."""
+    trainer, _ = new_trainer(
+        keep_cameras(replace(short_config("after"), report_every=8)), backend_of("like 1.6"), CUBIC
+    )
+    for step in range(4):
+        if step == 1:
+            trainer.model.shared["exposures"].data[:] = float("nan")
+        trainer.rgb_step()
+        trainer.iteration += 1
+    with pytest.raises(TrainingDivergedError, match="rgb loss is nan at step 1 of the rgb stage"):
+        trainer.check_parameters()
+
+
+@pytest.mark.parametrize("kind", ["cpu", "like 1.6"])
+def test_nothing_is_held_of_features_where_votes_learn_instances(kind: str) -> None:
+    """Neither values nor moments nor counts, through growth, a checkpoint and a resumed run."""
+    config = short_config("after")
+    config = replace(config, instances=replace(config.instances, learned_by="votes", schedule="joint"))
+    backend = CpuBackend() if kind == "cpu" else backend_of(kind)
+    trainer, _ = new_trainer(config, backend, CUBIC)
+    assert len(go_through(trainer)) > config.geometry.iterations, "steps and refinements"
+    names = [name for name, value in describe_state(trainer).items() if "feature" in name and value.numel()]
+    assert names == []
+    assert len(trainer.model) > 120, "it has grown"

@@ -26,10 +26,13 @@ def _terms_of_first_step(config: TrainConfig, stage: str) -> dict[str, float]:
     """The values of the first step in which everything is due; the terms are independent of each other."""
     config = replace(config, instances=replace(config.instances, pseudo_start=0.0))
     if stage == "instances":
-        return new_trainer(keep_geometry(config))[0].instance_step()[0]
+        trainer, _ = new_trainer(keep_geometry(config))
+        trainer.instance_step()
+        return trainer.read_losses().terms
     trainer, _ = new_trainer(config)
     trainer.model.shared["exposures"].data += 0.01
-    return trainer.rgb_step()[0]
+    trainer.rgb_step()
+    return trainer.read_losses().terms
 
 
 def test_names_are_distinct() -> None:
