@@ -13,19 +13,17 @@ from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.datasets.photos import read_photo_size
 from instdrive_core.errors import OptionError, format_gigabytes
 from instdrive_core.training.settings.config import TrainConfig
-from instdrive_core.training.views.view_store import DEFAULT_BUDGET
+from instdrive_core.training.views.photo_budget import BYTES_PER_PIXEL, LEAST_BUDGET
 
 PROGRAM_BYTES = 0.5e9
 """Memory of a training process with few Gaussians and small photos; measured: 0.44 GB."""
 STEP_BYTES = 242
 """Bytes per pixel of the photo in a step; measured from 480×270 to 3840×2160."""
-KEPT_BYTES = 6
-"""Bytes per pixel of each photo kept with its masks; all of them are kept within a budget."""
 
 _PLACE_VALUES = 3 + 4 + 3 + 1
 """Mean, quaternion, scales and opacity."""
-_COUNTS = 2 * 1 + 2
-"""Adam's counts of updates, of geometry and of features; sum and count of the screen-space gradients."""
+_COUNTS = 1 + 2
+"""Adam's count of updates; sum and count of the screen-space gradients."""
 _SHARE_OF_STATE = 0.5
 """Share of the free memory that is suggested for the state: refining holds the old one beside the new one."""
 GAUSSIAN_BYTES = 2e3
@@ -41,7 +39,7 @@ def estimate_training_bytes(sizes: list[tuple[int, int]]) -> float:
     Gaussians come on top, see `GAUSSIAN_BYTES`.
     """
     pixels = [width * height for width, height in sizes]
-    return PROGRAM_BYTES + STEP_BYTES * max(pixels, default=0) + min(DEFAULT_BUDGET, KEPT_BYTES * sum(pixels))
+    return PROGRAM_BYTES + STEP_BYTES * max(pixels, default=0) + min(LEAST_BUDGET, BYTES_PER_PIXEL * sum(pixels))
 
 
 def count_affordable_photos(clip: Clip, gaussians: int) -> int:
@@ -73,8 +71,9 @@ def check_training_memory(clip: Clip) -> None:
 def count_state_bytes(config: TrainConfig) -> int:
     """Count the bytes that a Gaussian takes between two steps: its values, Adam's two moments of each, and counts."""
     harmonics = (config.geometry.sh_degree + 1) ** 2
-    values = _PLACE_VALUES + 3 * harmonics + config.instances.feature_dim
-    return 4 * (3 * values + _COUNTS)
+    features = config.trained_feature_dim
+    values = _PLACE_VALUES + 3 * harmonics + features
+    return 4 * (3 * values + _COUNTS + (1 if features else 0))  # features have a count of updates of their own
 
 
 def check_gpu_memory(config: TrainConfig, free: int) -> None:

@@ -18,7 +18,6 @@ from instdrive_core.training import memory_check
 from instdrive_core.training.backends.cpu_backend import CpuBackend
 from instdrive_core.training.backends.device import measure_free_gpu_memory
 from instdrive_core.training.memory_check import (
-    KEPT_BYTES,
     PROGRAM_BYTES,
     STEP_BYTES,
     check_gpu_memory,
@@ -28,12 +27,12 @@ from instdrive_core.training.memory_check import (
     measure_peak_memory,
 )
 from instdrive_core.training.settings.config import build_train_config
-from instdrive_core.training.views.view_store import DEFAULT_BUDGET
+from instdrive_core.training.views.photo_budget import BYTES_PER_PIXEL, LEAST_BUDGET
 
 
 def test_a_smaller_scale_that_is_proposed_fits_and_a_larger_does_not(tmp_path):
     root = str(write_nerfstudio(tmp_path / "clip", photo_model()))
-    available = PROGRAM_BYTES + 0.3 * (STEP_BYTES + (COUNT - 1) * KEPT_BYTES) * WIDTH * HEIGHT
+    available = PROGRAM_BYTES + 0.3 * (STEP_BYTES + (COUNT - 1) * BYTES_PER_PIXEL) * WIDTH * HEIGHT
     with assume_memory(available):
         with pytest.raises(OptionError, match=f"{COUNT - 1} photos of up to {WIDTH}×{HEIGHT} need at least") as raised:
             check_training_memory(load_clip(root, ClipOptions()))
@@ -59,7 +58,7 @@ def test_fewer_cameras_are_proposed_where_photos_are_many(tmp_path):
 
 def test_kept_photos_stay_within_their_budget():
     sizes = [(1000, 1000)] * 100_000
-    assert estimate_training_bytes(sizes) == PROGRAM_BYTES + STEP_BYTES * 1e6 + DEFAULT_BUDGET
+    assert estimate_training_bytes(sizes) == PROGRAM_BYTES + STEP_BYTES * 1e6 + LEAST_BUDGET
 
 
 @pytest.mark.parametrize("platform", ["linux", "darwin", "win32"])
@@ -78,13 +77,17 @@ def test_this_process_holds_more_than_python_alone():
     assert 20e6 < measure_peak_memory() < 1e12
 
 
-def test_the_state_of_a_gaussian_is_counted_as_the_trainer_holds_it():
+@pytest.mark.parametrize("learned_by", ["losses", "votes"])
+def test_the_state_of_a_gaussian_is_counted_as_the_trainer_holds_it(learned_by):
     config = tiny_config()
+    config = replace(config, instances=replace(config.instances, learned_by=learned_by))
     trainer, _ = new_trainer(config, harmonics=(config.geometry.sh_degree + 1) ** 2 - 1)
     optimizers, count = trainer.optimizers, len(trainer.model)
-    groups = (optimizers.geometry.state_tensors(), optimizers.features.state_tensors(), trainer.growth.state_tensors())
+    features = [] if optimizers.features is None else [optimizers.features.state_tensors()]
+    groups = (optimizers.geometry.state_tensors(), *features, trainer.growth.state_tensors())
     held = [value for group in (trainer.model.parameters, *groups) for value in group.values()]
     assert sum(value.nbytes for value in held) == count * count_state_bytes(config)
+    assert bool(features) == (learned_by == "losses")
 
 
 def test_too_many_gaussians_for_a_gpu_are_refused_with_a_number_that_fits():

@@ -15,7 +15,8 @@ from typing import Any
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
+from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
@@ -23,11 +24,14 @@ from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.backends import torch_ops
 from instdrive_core.training.backends.backend import SeenSplats
+from instdrive_core.training.backends.sent_arrays import SentArrays
 
 TILE = 16
 """Pixels along a tile's side."""
 CHANNEL_COUNTS = (1, 2, 3, 4, 5, 8, 9, 16, 17, 32)
 """Channel counts that every gsplat is compiled for; 1.5 pads others itself, 1.6 refuses them."""
+_PHOTO_SHARE = 0.25
+"""Share of the free memory that photos may stay in: Gaussians still grow."""
 MAX_GEOMETRY_CHANNELS = CHANNEL_COUNTS[-1] - 1
 """Depth is drawn with them."""
 
@@ -39,6 +43,8 @@ class GsplatBackend:
     Args:
         device: where tensors lie; None = the current CUDA device.
         library: the gsplat module; None imports it.
+        photo_bytes: how much of the device's memory photos and masks may stay in; None = a quarter of what is free
+            when the first one is sent.
     """
 
     name = "gsplat"
@@ -49,13 +55,35 @@ class GsplatBackend:
     sum_rigid_gradient = staticmethod(torch_ops.sum_rigid_gradient)
     composite_over_sky = staticmethod(torch_ops.composite_over_sky)
     expose = staticmethod(torch_ops.expose)
-    photometric_loss = staticmethod(torch_ops.photometric_loss)
     depth_loss = staticmethod(torch_ops.depth_loss)
-    sky_loss = staticmethod(torch_ops.sky_loss)
 
-    def __init__(self, device: torch.device | None = None, library: Any = None) -> None:
+    def __init__(self, device: torch.device | None = None, library: Any = None, photo_bytes: int | None = None) -> None:
         self.device = device or torch.device("cuda", torch.cuda.current_device())
         self._library = library or importlib.import_module("gsplat")
+        self.photos = SentArrays(self._choose_photo_bytes if photo_bytes is None else lambda: photo_bytes)
+        """Photos and masks that lie on the device, as bytes."""
+
+    def photometric_loss(
+        self,
+        image: Float[Tensor, "h w 3"],
+        target: UInt8[ndarray, "h w 3"],
+        valid: Bool[ndarray, "h w"] | None,
+        ssim_weight: float,
+    ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
+        """See `Backend.photometric_loss`."""
+        mask = None if valid is None else self._put(valid)
+        return torch_ops.photometric_loss(image, self._put(target), mask, ssim_weight)
+
+    def sky_loss(self, alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"]) -> Float[Tensor, ""]:
+        """See `Backend.sky_loss`."""
+        return torch_ops.sky_loss(alpha, self._put(sky))
+
+    def _put(self, array: ndarray) -> Tensor:
+        return self.photos.find_or_send(array, lambda array: torch_ops.to_device(array, self.device))
+
+    def _choose_photo_bytes(self) -> int:
+        free = torch.cuda.mem_get_info(self.device)[0] if self.device.type == "cuda" else 0
+        return int(_PHOTO_SHARE * free)
 
     def rasterize(
         self,

@@ -30,11 +30,13 @@ _C1, _C2 = 0.01**2, 0.03**2
 """SSIM's window and constants, as in `backends.photometric`."""
 
 
-def to_device(array: ndarray, device: torch.device) -> Tensor:
-    """The array as a tensor there; shares its memory on the CPU where the array may be written.
+def to_device(array: ndarray | Tensor, device: torch.device) -> Tensor:
+    """The array as a tensor there; shares its memory on the CPU where the array may be written. Tensors stay.
 
     On its way to a GPU it goes through pinned memory, so that nobody waits for what the GPU has still to do.
     """
+    if isinstance(array, Tensor):
+        return array
     tensor = torch.from_numpy(np.require(array, requirements=["C", "W"]))
     return tensor.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else tensor.to(device)
 
@@ -217,11 +219,14 @@ def expose(image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Flo
 
 def photometric_loss(
     image: Float[Tensor, "h w 3"],
-    target: UInt8[ndarray, "h w 3"],
-    valid: Bool[ndarray, "h w"] | None,
+    target: UInt8[ndarray, "h w 3"] | UInt8[Tensor, "h w 3"],
+    valid: Bool[ndarray, "h w"] | Bool[Tensor, "h w"] | None,
     ssim_weight: float,
 ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
-    """See `Backend.photometric_loss`. Pixels that are not valid count as equal: they add to neither term."""
+    """See `Backend.photometric_loss`; photo and mask may lie on the device already.
+
+    Pixels that are not valid count as equal: they add to neither term.
+    """
     wanted = to_device(target, image.device).to(image.dtype) / 255
     mask = None if valid is None else to_device(valid, image.device)
     with torch.no_grad():
@@ -295,7 +300,7 @@ def depth_loss(
     return torch.where(counts, (expected - wanted).abs(), 0).sum() / counts.sum().clamp_min(1)
 
 
-def sky_loss(alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"]) -> Float[Tensor, ""]:
-    """See `Backend.sky_loss`."""
+def sky_loss(alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"] | Bool[Tensor, "h w"]) -> Float[Tensor, ""]:
+    """See `Backend.sky_loss`; the mask may lie on the device already."""
     cost = -torch.log((1 - alpha).clamp_min(_SKY_FLOOR))
     return torch.where(to_device(sky, alpha.device), cost, 0).sum() / alpha.numel()

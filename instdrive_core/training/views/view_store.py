@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -15,14 +16,13 @@ from instdrive_core.errors import DataError
 from instdrive_core.masks.label_map_folder import SIDECAR, MaskFolder
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.views.lidar_depth import load_frame_depths
+from instdrive_core.training.views.photo_budget import BYTES_PER_PIXEL, choose_photo_budget, count_readers
 from instdrive_core.training.views.training_view import TrainingView, build_training_view
 
 DEFAULT_BUDGET = 2**30
-"""Bytes of photos and masks kept in memory."""
+"""Bytes of photos and masks kept in memory where nobody has chosen others."""
 _READ_AHEAD = 16
 """Hints that are looked at: more would be read long before their turn."""
-_BYTES_PER_PIXEL = 6
-"""Colour, 16-bit label, sky."""
 _PATIENCE = 10.0
 """Seconds that closing waits for a photo being read."""
 
@@ -60,13 +60,18 @@ class ViewStore:
         read: reads the view of a number at full training resolution; from several threads at once.
         budget_bytes: of views kept in memory, half-resolution versions included. A view that exceeds it alone is read
             each time; for reading ahead it should hold several.
+        readers: most threads that read ahead at once.
     """
 
     def __init__(
-        self, facts: Sequence[ViewFacts], read: Callable[[int], TrainingView], budget_bytes: int = DEFAULT_BUDGET
+        self,
+        facts: Sequence[ViewFacts],
+        read: Callable[[int], TrainingView],
+        budget_bytes: int = DEFAULT_BUDGET,
+        readers: int = 1,
     ) -> None:
         self.facts = tuple(facts)
-        self._read, self._budget = read, budget_bytes
+        self._read, self._budget, self._readers = read, budget_bytes, readers
         self._kept: OrderedDict[Key, tuple[TrainingView, int]] = OrderedDict()
         """Views and their bytes, those asked for last at the end."""
         self._kept_bytes = 0
@@ -74,7 +79,7 @@ class ViewStore:
         self._failed: dict[Key, Exception] = {}
         """Errors met while reading ahead, until the view is asked for."""
         self._wanted: deque[Key] = deque()
-        self._worker: threading.Thread | None = None
+        self._workers: set[threading.Thread] = set()
         self._closed = False
         self._poses: tuple[Float64[ndarray, "4 4"], ...] | None = None
         """world_from_camera of each view where it was corrected."""
@@ -143,25 +148,27 @@ class ViewStore:
     def prefetch(self, views: Sequence[Key]) -> None:
         """Hint which views will be asked for next, soonest first; replaces earlier hints. Returns at once.
 
-        A thread reads ahead as far as half the budget goes; an error that it meets is raised when the view is asked
+        Threads read ahead as far as half the budget goes; an error that they meet is raised when the view is asked
         for.
         """
         with self._changed:
             if self._closed:
                 return
             self._wanted = deque(self._missing(views))
-            if self._wanted and self._worker is None:
-                self._worker = threading.Thread(target=self._read_ahead, name="read training photos", daemon=True)
-                self._worker.start()
+            for _ in range(min(self._readers - len(self._workers), len(self._wanted))):
+                worker = threading.Thread(target=self._read_ahead, name="read training photos", daemon=True)
+                self._workers.add(worker)
+                worker.start()
 
     def close(self) -> None:
         """Stop reading ahead and forget all views; what is asked for later is read anew."""
         with self._changed:
             self._closed = True
             self._wanted.clear()
-            worker = self._worker
-        if worker is not None:
-            worker.join(_PATIENCE)
+            workers = tuple(self._workers)
+        deadline = time.monotonic() + _PATIENCE
+        for worker in workers:
+            worker.join(max(deadline - time.monotonic(), 0))
         self.release()
 
     def release(self) -> None:
@@ -171,7 +178,7 @@ class ViewStore:
             self._kept_bytes = 0
 
     def _read_ahead(self) -> None:
-        """The worker: ends when nothing is wanted any more, so that no thread outlives its use."""
+        """What each worker does: ends when nothing is wanted any more, so that no thread outlives its use."""
         while (key := self._take_next_wanted()) is not None:
             try:
                 self._read_and_keep(key)
@@ -182,14 +189,14 @@ class ViewStore:
                 self._finish(key)
 
     def _take_next_wanted(self) -> Key | None:
-        """The next view for the worker, entered into `_reading`; None ends the worker."""
+        """The next view for this worker, entered into `_reading`; None ends the worker."""
         with self._changed:
             while self._wanted:
                 key = self._wanted.popleft()
                 if not self._is_settled(key):
                     self._reading.add(key)
                     return key
-            self._worker = None
+            self._workers.discard(threading.current_thread())
             return None
 
     def _read_and_keep(self, key: Key) -> TrainingView:
@@ -227,7 +234,7 @@ class ViewStore:
         room = self._budget // 2
         for key in dict.fromkeys(views[:_READ_AHEAD]):
             camera = self.facts[key[0]].camera
-            room -= camera.width * camera.height * _BYTES_PER_PIXEL // (4 if key[1] else 1)
+            room -= camera.width * camera.height * BYTES_PER_PIXEL // (4 if key[1] else 1)
             if room < 0:
                 break
             hinted.append(key)
@@ -240,8 +247,10 @@ class ViewStore:
         return key in self._kept or key in self._reading or key in self._failed
 
 
-def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
+def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int | None = None) -> ViewStore:
     """Open the training photos of a clip with the LiDAR depth of their time steps and their masks.
+
+    They are kept within `budget_bytes`; None = as much as `choose_photo_budget` finds the memory good for.
 
     LiDAR is read here, from sweeps that may train, and its depths stay in memory (some 0.1 MB per photo); photos and
     masks are read when asked for.
@@ -261,7 +270,9 @@ def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DE
         ViewFacts(frame.key, frame.view.camera, frame.view.time, masks is not None and masks.counts[frame.key] > 0)
         for frame in frames
     ]
-    return ViewStore(facts, read, budget_bytes)
+    if budget_bytes is None:
+        budget_bytes = choose_photo_budget([photo.camera.width * photo.camera.height for photo in facts])
+    return ViewStore(facts, read, budget_bytes, count_readers())
 
 
 def _check_masks(masks: MaskFolder, frames: Sequence[Frame]) -> None:

@@ -10,11 +10,13 @@ import pytest
 from drive import drive
 from small_clip import write_small_clip
 
+from instdrive_core.available_memory import assume_memory
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
 from instdrive_core.masks.label_map_folder import FrameMasks, write_masks
 from instdrive_core.scene.camera import Camera
+from instdrive_core.training.views.photo_budget import LEAST_BUDGET, choose_photo_budget, count_readers
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewFacts, ViewStore, open_view_store
 
@@ -75,7 +77,7 @@ def store_on(disk, budget):
 def settle(store):
     """Wait until nothing is being read ahead."""
     deadline = time.monotonic() + PATIENCE
-    while store._worker is not None:
+    while store._workers:
         assert time.monotonic() < deadline
         time.sleep(0.001)
 
@@ -145,6 +147,34 @@ def test_hints_are_read_by_another_thread_soonest_first(disk):
     assert_same(store.get(2, True), view_of(2).halve())
     store.get(4)
     assert disk.read_numbers == [4, 2]
+
+
+def test_several_threads_read_ahead_at_once(disk):
+    """Three photos are read at a time: none is done before all three are begun."""
+    together = threading.Barrier(3)
+
+    def read(number):
+        together.wait(PATIENCE)
+        return disk.read(number)
+
+    facts = [ViewFacts(f"front_camera/{n:02d}", view_of(n).camera, 0.1 * n, True) for n in range(COUNT)]
+    with ViewStore(facts, read, 10**9, readers=3) as store:
+        store.prefetch([(number, False) for number in range(6)])
+        settle(store)
+        assert sorted(disk.read_numbers) == list(range(6))
+        assert len(set(disk.readers)) == 3
+
+
+def test_photos_get_what_they_need_within_a_quarter_of_the_free_memory():
+    hd, many = 1920 * 1080, 480
+    needed = 1.25 * 6 * hd * many
+    with assume_memory(100e9):
+        assert choose_photo_budget([hd] * many) == int(needed)
+    with assume_memory(8e9):
+        assert choose_photo_budget([hd] * many) == int(2e9)
+    with assume_memory(0.5e9):
+        assert choose_photo_budget([hd] * many) == LEAST_BUDGET
+    assert [count_readers(cores) for cores in (1, 2, 4, 8, 16, 64)] == [1, 1, 1, 2, 4, 4]
 
 
 def test_new_hints_replace_old_ones(disk):
@@ -233,7 +263,7 @@ def test_closing_ends_reading_ahead(disk):
     store.prefetch([(number, False) for number in range(8)])
     while not store._reading:
         time.sleep(0.001)
-    worker = store._worker
+    (worker,) = store._workers
     opener = threading.Thread(target=open_once_closed, args=(store, disk))
     opener.start()
     store.close()
@@ -242,7 +272,7 @@ def test_closing_ends_reading_ahead(disk):
     assert not worker.is_alive()
     assert disk.read_numbers == [0]
     store.prefetch([(3, False)])
-    assert store._worker is None
+    assert not store._workers
     assert_same(store.get(3), view_of(3))
     assert store.kept_bytes == 0
 
@@ -257,14 +287,14 @@ def test_no_thread_is_left_once_all_hints_are_read(disk):
     store = store_on(disk, 10**9)
     disk.open.clear()
     store.prefetch([(number, False) for number in range(4)])
-    worker = store._worker
+    (worker,) = store._workers
     disk.open.set()
     settle(store)
     worker.join(PATIENCE)
     assert not worker.is_alive()
     assert not any(thread.name == worker.name for thread in threading.enumerate())
     store.prefetch([(2, False), (1, False)])
-    assert store._worker is None, "all are there already"
+    assert not store._workers, "all are there already"
 
 
 def test_views_in_memory_make_a_store():
