@@ -8,6 +8,8 @@ from jaxtyping import Bool, Float, Int64, UInt16
 from numpy import ndarray
 from scipy.spatial import KDTree
 
+_BLOCK = 1 << 16
+"""Gaussians that ask their neighbours in one go."""
 _COLOR_SCALE = 0.25
 """Difference of colours (of 0 to 1 a channel) that counts as much as the distance to the farthest neighbour asked."""
 
@@ -42,10 +44,13 @@ def fill_from_similar(
         count = min(neighbors, len(known))
         if count == 0:
             continue
-        distances, found = KDTree(means[known]).query(means[rows], k=count, workers=numba.get_num_threads())
-        distances, found = distances.reshape(len(rows), count), known[found.reshape(len(rows), count)]
-        cost = distances / np.maximum(distances[:, -1:], 1e-6)
-        cost += np.linalg.norm(colors[rows, None] - colors[found], axis=2) / _COLOR_SCALE
-        cost += 1 - np.abs((normals[rows, None] * normals[found]).sum(axis=2))
-        filled[rows] = groups[found[np.arange(len(rows)), np.argmin(cost, axis=1)]]
+        tree = KDTree(means[known])
+        for start in range(0, len(rows), _BLOCK):
+            asking = rows[start : start + _BLOCK]
+            distances, found = tree.query(means[asking], k=count, workers=numba.get_num_threads())
+            distances, found = distances.reshape(len(asking), count), known[found.reshape(len(asking), count)]
+            cost = distances / np.maximum(distances[:, -1:], 1e-6)
+            cost += np.linalg.norm(colors[asking, None] - colors[found], axis=2) / _COLOR_SCALE
+            cost += 1 - np.abs((normals[asking, None] * normals[found]).sum(axis=2))
+            filled[asking] = groups[found[np.arange(len(asking)), np.argmin(cost, axis=1)]]
     return filled

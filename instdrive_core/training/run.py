@@ -155,6 +155,7 @@ def run_training(
             _note_movers_without_node(clip, request.config, trainer.model.actor_poses.tracks, notes.add)
         write_run_facts(out / CONFIG, collect_config(request, masks.source if masks else None))
         _train(trainer, out, on_event)
+        trainer.end_training()
         learned = _learn_instances(request, clip, trainer, notes.add) if trainer.has_masks else None
         notes.add("naming instances and writing the scene")
         exposures = _export_exposures(trainer)
@@ -187,7 +188,6 @@ def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> No
 def _learn_instances(
     request: RunRequest, clip: Clip, trainer: Trainer, on_note: Callable[[str], None]
 ) -> LearnedInstances:
-    trainer.continue_on_cpu()
     learner = request.learner
     if learner is None and request.config.instances.learned_by == "votes":
         learner = partial(

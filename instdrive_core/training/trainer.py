@@ -293,6 +293,17 @@ class Trainer:
             self.optimizers = Optimizers(self.model, self.config)
             self.optimizers.load_state_tensors(state)
 
+    def end_training(self) -> None:
+        """Move the model to the CPU and give back what only steps need: Adam's moments are twice as large as the model.
+
+        No step may follow; the checkpoint of the last one has everything.
+        """
+        self.read_losses()
+        del self.optimizers, self.growth
+        self._cache, self._drawn = [], None
+        self.backend = CpuBackend()
+        self.model.move_to(self.backend.device)
+
     def check_parameters(self) -> None:
         """Check that all losses so far and all parameters are finite: parameters that are not are not drawn, so no loss
         would show them, and no checkpoint may hold them."""

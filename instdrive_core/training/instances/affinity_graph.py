@@ -17,19 +17,28 @@ from instdrive_core.training.settings.config import GraphConfig
 
 
 def merge_groups(
-    observed: MaskWeights, patches: Int64[ndarray, " n"], pairs: Int64[ndarray, "e 2"], config: GraphConfig
-) -> Int64[ndarray, " n"]:
+    observed: MaskWeights,
+    patches: Int64[ndarray, " v"],
+    pairs: Int64[ndarray, "e 2"],
+    config: GraphConfig,
+    rows: Int64[ndarray, " v"] | None = None,
+) -> Int64[ndarray, " v"]:
     """Merge patches into groups; returns the group 0 … k - 1 of each row.
 
     Args:
-        observed: weights of the rows.
+        observed: weights of all rows.
         patches: of each row, 0 … p - 1.
         pairs: neighbouring rows; groups that no pair joins are never merged.
         config: thresholds.
+        rows: those that are merged; patches and pairs follow it. None = all.
     """
     count = int(patches.max(initial=-1)) + 1
-    of_patches = sum_by_group(observed, patches, count)
-    touching = find_distinct_pairs(patches[pairs])
+    of_all = patches
+    if rows is not None:
+        of_all = np.full(len(observed), -1, np.int64)
+        of_all[rows] = patches
+    of_patches = sum_by_group(observed, of_all, count)
+    touching = find_distinct_pairs(pairs, patches)
     groups = np.arange(count)
     for threshold in config.merge_agreements:
         while (merged := _merge_best_pairs(of_patches, groups, touching, threshold)) is not None:
@@ -42,7 +51,7 @@ def _merge_best_pairs(
 ) -> Int64[ndarray, " p"] | None:
     """Merge the pairs that are each other's best, from `threshold` on; None where there are none."""
     count = int(groups.max(initial=-1)) + 1
-    pairs = find_distinct_pairs(groups[touching])
+    pairs = find_distinct_pairs(touching, groups)
     agreements = compute_agreements(sum_by_group(of_patches, groups, count), pairs)
     order = np.argsort(-agreements, kind="stable")
     order = order[agreements[order] >= threshold]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from jaxtyping import Float32, Integer
+from jaxtyping import Float32, Int64, Integer
 from numpy import ndarray
 from scipy.sparse import csr_array
 
@@ -20,8 +20,16 @@ def sum_by_group(observed: MaskWeights, groups: Integer[ndarray, " n"], count: i
     return MaskWeights(summed, observed.view_of_mask, observed.layers)
 
 
-def compute_agreements(observed: MaskWeights, pairs: Integer[ndarray, "e 2"]) -> Float32[ndarray, " e"]:
+_BLOCK = 1 << 20
+"""Pairs that are looked at in one go."""
+
+
+def compute_agreements(
+    observed: MaskWeights, pairs: Integer[ndarray, "e 2"], rows: Int64[ndarray, " v"] | None = None
+) -> Float32[ndarray, " e"]:
     """Compute how much the two rows of each pair are in the same masks: 0 to 1, or -1 where no photo shows both.
+
+    With `rows`, pairs hold places in it, so that a part of the rows can be asked about without a copy of their weights.
 
     In one photo it is Σ_m min(p_m, q_m), with p and q the shares of either's weight that lie in mask m. Photos are
     averaged, each with the weight of the one that it shows less of. Where a photo has several layers of masks, the one
@@ -36,7 +44,10 @@ def compute_agreements(observed: MaskWeights, pairs: Integer[ndarray, "e 2"]) ->
         matrix.data.astype(np.float32, copy=False),
     )
     numbers = observed.view_of_mask.astype(np.int32, copy=False)
-    _agree(*arrays, numbers, observed.layers, np.ascontiguousarray(pairs, np.int64), result)
+    for start in range(0, len(pairs), _BLOCK):
+        block = pairs[start : start + _BLOCK]
+        asked = np.ascontiguousarray(block if rows is None else rows[block], np.int64)
+        _agree(*arrays, numbers, observed.layers, asked, result[start : start + _BLOCK])
     return result
 
 

@@ -26,37 +26,52 @@ def vote_groups(
 
     Args:
         observed: weights of the rows.
-        groups: to start from, 0 … g - 1; every row belongs to one.
+        groups: to start from, 0 … g - 1; rows of -1 take no part and stay -1.
         fixed: rows that keep their group (moving objects, whose tracks say what belongs to them).
         config: number of rounds, and how well a group must fit masks to stay.
     """
-    groups = _alternate_votes(observed, groups, fixed, config)
-    fits = measure_group_fits(observed, groups)
+    voters = groups >= 0
+    areas, stay = sum_mask_areas(observed, voters), fixed | ~voters
+    groups = _alternate_votes(observed, groups, stay, areas, int(np.count_nonzero(voters)), config)
+    fits = measure_group_fits(observed, groups, areas)
     kept = fits >= config.min_fit
-    kept[groups[fixed]] = True
+    kept[groups[fixed & voters]] = True
     if kept.any() and not kept.all():
         names = np.where(kept, np.cumsum(kept) - 1, -1)
-        groups = _alternate_votes(observed, names[groups], fixed, config)
+        groups = np.where(voters, names[groups], -1)
+        groups = _alternate_votes(observed, groups, stay, areas, int(np.count_nonzero(voters)), config)
     return np.unique(groups, return_inverse=True)[1].astype(np.int64) - (1 if (groups < 0).any() else 0)
 
 
-def measure_group_fits(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Float32[ndarray, " g"]:
+def sum_mask_areas(observed: MaskWeights, among: Bool[ndarray, " n"] | None = None) -> Float32[ndarray, " m"]:
+    """Sum the masks' areas: the weight of everything in them, or of the rows among the given ones."""
+    rows = np.ones(len(observed), np.float32) if among is None else among.astype(np.float32)
+    return np.asarray(rows @ observed.weights, np.float32)
+
+
+def measure_group_fits(
+    observed: MaskWeights, groups: Int64[ndarray, " n"], areas: Float32[ndarray, " m"] | None = None
+) -> Float32[ndarray, " g"]:
     """Measure how well each group fits masks: its best IoU in each photo, averaged with its weight in the photos.
 
-    Fragments fit badly.
+    Fragments fit badly. `areas` are those of the masks; None = with everything in them.
     """
-    of_groups, areas = _sum_groups(observed, groups)
+    of_groups, areas = _sum_groups(observed, groups, areas)
     fits = np.zeros(len(of_groups), np.float32)
     _fit(*_arrays(of_groups), areas, fits)
     return fits
 
 
-def find_mask_owners(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:
+def find_mask_owners(
+    observed: MaskWeights, groups: Int64[ndarray, " n"], areas: Float32[ndarray, " m"] | None = None
+) -> Int64[ndarray, " m"]:
     """Find the group that fits each mask best: the largest IoU in its photo (ties: the lower group), -1 = none.
+
+    `areas` are those of the masks; None = with everything in them.
 
     IoU, not the share of the mask alone: a thin pole's mask holds more weight of the wall behind than of the pole.
     """
-    of_groups, areas = _sum_groups(observed, groups)
+    of_groups, areas = _sum_groups(observed, groups, areas)
     owners, best = np.full(len(areas), -1, np.int64), np.zeros(len(areas), np.float32)
     _own(*_arrays(of_groups), areas, owners, best)
     return owners
@@ -73,23 +88,30 @@ def compute_vote_shares(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> 
 
 
 def _alternate_votes(
-    observed: MaskWeights, groups: Int64[ndarray, " n"], fixed: Bool[ndarray, " n"], config: GraphConfig
+    observed: MaskWeights,
+    groups: Int64[ndarray, " n"],
+    stay: Bool[ndarray, " n"],
+    areas: Float32[ndarray, " m"],
+    voters: int,
+    config: GraphConfig,
 ) -> Int64[ndarray, " n"]:
     matrix = observed.weights
     for _ in range(config.vote_rounds):
-        owners = find_mask_owners(observed, groups)
+        owners = find_mask_owners(observed, groups, areas)
         voted = groups.copy()
-        _vote(matrix.indptr.astype(np.int64), matrix.indices, matrix.data, owners, fixed, voted)
+        _vote(matrix.indptr.astype(np.int64), matrix.indices, matrix.data, owners, stay, voted)
         changed = np.count_nonzero(voted != groups)
         groups = voted
-        if changed <= config.vote_tolerance * len(groups):
+        if changed <= config.vote_tolerance * voters:
             break
     return groups
 
 
-def _sum_groups(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> tuple[MaskWeights, Float32[ndarray, " m"]]:
-    """Sum the weights of the groups, and the masks' areas: the weight of everything in them."""
-    areas = np.asarray(observed.weights.sum(axis=0), np.float32).ravel()
+def _sum_groups(
+    observed: MaskWeights, groups: Int64[ndarray, " n"], areas: Float32[ndarray, " m"] | None
+) -> tuple[MaskWeights, Float32[ndarray, " m"]]:
+    """Sum the weights of the groups, and the masks' areas where they are not known."""
+    areas = sum_mask_areas(observed) if areas is None else areas
     return sum_by_group(observed, groups, int(groups.max(initial=-1)) + 1), areas
 
 

@@ -20,6 +20,7 @@ from instdrive_core.rasterize.kernels.blend_weights import (
 )
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import compute_view_weights
+from instdrive_core.training.instances.weight_spool import ViewWeights, WeightSpool
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -65,7 +66,21 @@ def measure_mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) 
 
     The model is on the CPU. The same input gives the same bits, whatever the number of threads.
     """
-    parts: list[_ViewWeights] = []
+    with WeightSpool(len(model)) as spool:
+        view_of_mask, layers, unmasked = _look_at_views(model, store, min_alpha, spool)
+        numbers = np.array(view_of_mask, np.int32)
+        numbers = numbers // MAX_LAYERS * layers + numbers % MAX_LAYERS
+        return MaskWeights(spool.build_matrix(len(view_of_mask)), numbers, layers, unmasked)
+
+
+def _look_at_views(
+    model: SceneModel, store: ViewStore, min_alpha: float, spool: WeightSpool
+) -> tuple[list[int], int, Float32[ndarray, " n"]]:
+    """Put the weights of all views into `spool`.
+
+    Returns the label map of each mask, numbered by view times `MAX_LAYERS` plus layer; the most layers of a view; and
+    the weight of each Gaussian in no mask.
+    """
     view_of_mask: list[int] = []
     unmasked = np.zeros(len(model), np.float32)
     layers = 1
@@ -80,15 +95,12 @@ def measure_mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) 
         for layer, labels_of_pixels in enumerate(labels):
             local, masks, values, count = _sum_in_masks(weights, labels_of_pixels, len(rows))
             used, counts = np.unique(rows[local].astype(np.int32), return_counts=True)
-            parts.append(_ViewWeights(used, counts.astype(np.int32), masks + np.int32(len(view_of_mask)), values))
+            spool.add(ViewWeights(used, counts.astype(np.int32), masks + np.int32(len(view_of_mask)), values))
             view_of_mask += [number * MAX_LAYERS + layer] * count
         bare = weights.select_pixels(~np.any(labels, axis=0))
         unmasked[rows] += np.bincount(bare.rows, bare.weights, len(rows)).astype(np.float32)
     store.release()
-    numbers = np.array(view_of_mask, np.int32)
-    numbers = numbers // MAX_LAYERS * layers + numbers % MAX_LAYERS
-    weights_in_masks = _by_gaussian(parts, (len(model), len(view_of_mask)))
-    return MaskWeights(weights_in_masks, numbers, layers, unmasked)
+    return view_of_mask, layers, unmasked
 
 
 def _look_at_grid(
@@ -124,50 +136,6 @@ def _list_grid_pixels(view: TrainingView, number: int) -> Int64[ndarray, " p"]:
     if view.valid is not None:
         could_be &= view.valid
     return np.flatnonzero(on_grid & (could_be | np.any(view.layers, axis=0)))
-
-
-@dataclass(frozen=True)
-class _ViewWeights:
-    """Weights of one view, Gaussian by Gaussian."""
-
-    rows: Int32[ndarray, " u"]
-    """Gaussians that it shows, rising."""
-    counts: Int32[ndarray, " u"]
-    """In how many of its masks each lies."""
-    masks: Int32[ndarray, " k"]
-    values: Float32[ndarray, " k"]
-
-
-def _by_gaussian(parts: list[_ViewWeights], shape: tuple[int, int]) -> csr_array:
-    """One matrix of all views, whose masks follow one another. Empties `parts` on the way: for a whole drive the
-    weights are the largest thing in memory, and are held twice at most."""
-    indptr = np.zeros(shape[0] + 1, np.int64)
-    for part in parts:
-        indptr[part.rows + 1] += part.counts
-    np.cumsum(indptr, out=indptr)
-    total = int(indptr[-1])
-    masks, values = np.empty(total, np.int32), np.empty(total, np.float32)
-    places = indptr[:-1].copy()
-    parts.reverse()
-    while parts:
-        part = parts.pop()
-        _place_view(part.rows, part.counts, part.masks, part.values, places, masks, values)
-    if total <= np.iinfo(np.int32).max:
-        indptr = indptr.astype(np.int32)
-    return csr_array((values, masks, indptr), shape=shape)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _place_view(rows, counts, masks, values, places, all_masks, all_values):
-    """Write a view's weights behind those of the views before it; `places` moves on."""
-    entry = 0
-    for k in range(len(rows)):
-        place = places[rows[k]]
-        for _ in range(counts[k]):
-            all_masks[place], all_values[place] = masks[entry], values[entry]
-            place += 1
-            entry += 1
-        places[rows[k]] = place
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -12,36 +12,75 @@ from instdrive_core.training.instances.mask_agreement import compute_agreements
 from instdrive_core.training.instances.mask_weights import MaskWeights
 from instdrive_core.training.settings.config import GraphConfig
 
+_BLOCK = 1 << 18
+"""Points, or pairs, that are looked at in one go: what is not yet one number a pair takes several times as much."""
+
 
 def find_neighbor_pairs(means: Float[ndarray, "n 3"], neighbors: int) -> Int64[ndarray, "e 2"]:
     """Pair each point with its nearest ones; every pair once, the lower row first, sorted."""
     count = min(neighbors + 1, len(means))
-    _, found = KDTree(means).query(means, k=count, workers=numba.get_num_threads())
-    found = np.reshape(found, (len(means), count))
-    sources = np.repeat(np.arange(len(means)), count)
-    return find_distinct_pairs(np.stack([sources, found.ravel()], axis=1))
+    tree = KDTree(means)
+    keys = np.full((len(means), count), -1, np.int64)
+    for start in range(0, len(means), _BLOCK):
+        block = slice(start, min(start + _BLOCK, len(means)))
+        _, found = tree.query(means[block], k=count, workers=numba.get_num_threads())
+        sources = np.arange(block.start, block.stop)[:, None]
+        keys[block] = _make_keys(sources, np.reshape(found, (len(sources), count)))
+    return _read_keys(keys.reshape(-1))
 
 
-def find_distinct_pairs(pairs: Int[ndarray, "e 2"]) -> Int64[ndarray, "k 2"]:
-    """Find every unordered pair of different numbers once, sorted."""
-    low, high = pairs.min(axis=1).astype(np.int64), pairs.max(axis=1).astype(np.int64)
-    keys = np.sort((low << 32 | high)[low != high])
-    keys = keys[np.flatnonzero(np.diff(keys, prepend=-1))]
-    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1)
+def find_distinct_pairs(pairs: Int[ndarray, "e 2"], names: Int64[ndarray, " n"] | None = None) -> Int64[ndarray, "k 2"]:
+    """Find every unordered pair of different numbers once, sorted.
+
+    With `names`, the pairs are those of the names of the given numbers.
+    """
+    keys = np.empty(len(pairs), np.int64)
+    for start in range(0, len(pairs), _BLOCK):
+        block = pairs[start : start + _BLOCK]
+        block = block if names is None else names[block]
+        keys[start : start + _BLOCK] = _make_keys(block[:, 0], block[:, 1])
+    return _read_keys(keys)
 
 
-def join_superpoints(observed: MaskWeights, pairs: Int64[ndarray, "e 2"], config: GraphConfig) -> Int64[ndarray, " n"]:
+def _make_keys(first: Int[ndarray, "..."], second: Int[ndarray, "..."]) -> Int64[ndarray, "..."]:
+    """One number for each unordered pair; -1 for a number paired with itself."""
+    low, high = np.minimum(first, second).astype(np.int64), np.maximum(first, second).astype(np.int64)
+    return np.where(low == high, -1, low << 32 | high)
+
+
+def _read_keys(keys: Int64[ndarray, " e"]) -> Int64[ndarray, "k 2"]:
+    """The pairs behind the keys, each once, sorted. Sorts the keys where they are."""
+    keys.sort()
+    new = np.empty(len(keys), bool)
+    new[:1] = True
+    np.not_equal(keys[1:], keys[:-1], out=new[1:])
+    new &= keys >= 0
+    keys = keys[new]
+    pairs = np.empty((len(keys), 2), np.int64)
+    np.right_shift(keys, 32, out=pairs[:, 0])
+    np.bitwise_and(keys, 0xFFFFFFFF, out=pairs[:, 1])
+    return pairs
+
+
+def join_superpoints(
+    observed: MaskWeights,
+    pairs: Int64[ndarray, "e 2"],
+    config: GraphConfig,
+    rows: Int64[ndarray, " v"] | None = None,
+) -> Int64[ndarray, " v"]:
     """Join pairs into patches from the best agreement down (Kruskal); returns the patch 0 … k - 1 of each row.
+
+    With `rows` only these are joined, and pairs hold places in it.
 
     A pair is joined if its agreement is at least `config.patch_agreement` and the patch has at most `config.patch_size`
     rows.
 
     Small patches keep a Gaussian that straddles a border from chaining two objects together.
     """
-    agreements = compute_agreements(observed, pairs)
-    order = np.argsort(-agreements, kind="stable")
-    order = order[agreements[order] >= config.patch_agreement]
-    roots = _join_pairs(pairs[order], len(observed), config.patch_size)
+    agreements = compute_agreements(observed, pairs, rows)
+    agreed = np.flatnonzero(agreements >= config.patch_agreement)
+    order = agreed[np.argsort(-agreements[agreed], kind="stable")]
+    roots = _join_pairs(pairs, order, len(observed) if rows is None else len(rows), config.patch_size)
     return np.unique(roots, return_inverse=True)[1].astype(np.int64)
 
 
@@ -54,10 +93,10 @@ def _find_root(parents, row):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _join_pairs(pairs, count, limit):
-    """Join the pairs in their order, up to `limit` rows together; returns the root of each row."""
+def _join_pairs(pairs, order, count, limit):
+    """Join the pairs in an order, up to `limit` rows together; returns the root of each row."""
     parents, sizes = np.arange(count), np.ones(count, np.int64)
-    for pair in range(len(pairs)):
+    for pair in order:
         a, b = _find_root(parents, pairs[pair, 0]), _find_root(parents, pairs[pair, 1])
         if a == b or sizes[a] + sizes[b] > limit:
             continue

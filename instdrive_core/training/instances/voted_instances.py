@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.instances.codebook import decode_codewords
@@ -30,6 +30,8 @@ from instdrive_core.training.instances.superpoints import find_neighbor_pairs, j
 from instdrive_core.training.settings.config import GraphConfig, TrainConfig
 from instdrive_core.training.views.view_store import ViewStore
 
+_BLOCK = 1 << 17
+"""Gaussians whose axes are computed in one go."""
 _FEATURE = 0.5
 """Features are this multiple of the codeword's vector."""
 
@@ -55,9 +57,7 @@ def vote_instances(
         things = assign_lidar_things(means, model.nodes, build_lidar(), config.graph.lidar_reach)
         observed = add_lidar_masks(observed, things, silence)
     groups = _first_groups(observed, means, model.nodes, config.graph)
-    voting = np.flatnonzero(groups >= 0)
-    fixed = model.nodes[voting] > 0
-    groups[voting] = vote_groups(observed.select_rows(voting), groups[voting], fixed, config.graph)
+    groups = vote_groups(observed, groups, model.nodes > 0, config.graph)
     if config.graph.max_unmasked < 1:
         groups = _refill_unmasked(groups, observed, model, config.graph)
     groups = fill_from_nearest(groups, means, model.nodes)
@@ -76,13 +76,21 @@ def _refill_unmasked(
     """Ask neighbours that look alike where hardly any mask speaks: stray weight of masks nearby would decide else."""
     unknown = (observed.compute_unmasked_shares() > config.max_unmasked) & (model.nodes == 0)
     parameters = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "sh_dc")}
-    axes = matrix_from_quaternion(parameters["quats"].astype(np.float64))
-    thinnest = np.argmin(parameters["log_scales"], axis=1)
-    normals = axes[np.arange(len(axes)), :, thinnest]
+    normals = _compute_normals(parameters["quats"], parameters["log_scales"])
     colors = color_from_dc(parameters["sh_dc"])
     return fill_from_similar(
         groups, unknown, parameters["means"], colors, normals, model.nodes, config.similar_neighbors
     )
+
+
+def _compute_normals(quats: Float32[ndarray, "n 4"], log_scales: Float32[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
+    """Compute the thinnest axis of each Gaussian, block by block: matrices of all would take ten times as much."""
+    normals = np.empty((len(quats), 3), np.float64)
+    for start in range(0, len(quats), _BLOCK):
+        block = slice(start, min(start + _BLOCK, len(quats)))
+        axes = matrix_from_quaternion(quats[block].astype(np.float64))
+        normals[block] = axes[np.arange(len(axes)), :, np.argmin(log_scales[block], axis=1)]
+    return normals
 
 
 def _first_groups(observed: MaskWeights, means: ndarray, nodes: ndarray, config: GraphConfig) -> Int64[ndarray, " n"]:
@@ -90,8 +98,9 @@ def _first_groups(observed: MaskWeights, means: ndarray, nodes: ndarray, config:
     groups = np.full(len(means), -1, np.int64)
     rows = np.flatnonzero((observed.sum_weights() >= config.min_weight) & (nodes == 0))
     if len(rows) > 1:
-        seen, pairs = observed.select_rows(rows), find_neighbor_pairs(means[rows], config.neighbors)
-        groups[rows] = merge_groups(seen, join_superpoints(seen, pairs, config), pairs, config)
+        pairs = find_neighbor_pairs(means[rows], config.neighbors)
+        patches = join_superpoints(observed, pairs, config, rows)
+        groups[rows] = merge_groups(observed, patches, pairs, config, rows)
     on_actor = nodes > 0
     groups[on_actor] = groups.max(initial=-1) + nodes[on_actor].astype(np.int64)
     return np.where(groups >= 0, np.unique(groups, return_inverse=True)[1] - int((groups < 0).any()), -1)
