@@ -24,8 +24,10 @@ SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swr", "software", "swiftshader", "g
 class FrameRenderer(Protocol):
     """Draws one document as snapshots ask. All methods run on the thread that owns the GL context."""
 
-    frame_seconds: float
-    """Seconds that the last frame took which had to be blended."""
+    @property
+    def frame_seconds(self) -> float:
+        """Seconds that the last frame took which had to be blended."""
+        ...
 
     @property
     def picture(self) -> moderngl.Texture | None:
@@ -97,4 +99,4 @@ def create_renderer(ctx: moderngl.Context, document: Document, wake: Callable[[]
         return SoftwareRenderer(ctx, document, wake)
     from instdrive_app.render.gl.renderer import GlRenderer
 
-    return GlRenderer(ctx, document)
+    return GlRenderer(ctx, document, wake)

@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 
 from instdrive_app.render.frame_renderer import FrameRenderer, choose_renderer_kind, create_renderer
+from instdrive_app.render.picking import Picker
 from instdrive_app.render.shown_frame import ShownFrame
 from instdrive_app.render.software.warm_up import start_warm_up
 from instdrive_app.state import EditorState, FrameSnapshot, resolve
@@ -29,6 +30,7 @@ class LiveView:
         if choose_renderer_kind(ctx.info["GL_RENDERER"]) == "cpu":
             start_warm_up()
         self._renderer: FrameRenderer | None = None
+        self._picker = Picker()
         self._document: Document | None = None
         self._sharp_seconds = 0.0
         self._moved_at = 0.0
@@ -82,12 +84,15 @@ class LiveView:
         return renderer.picture
 
     def find_row_at(self, x: float, y: float) -> int | None:
-        """Find the splat that the ID view shows at a pixel; None where none is, or while the camera moves."""
+        """Find the splat that a pixel stands for; None where none is, or while the camera moves.
+
+        Frames that do not know it are not read back from the GPU, which would wait for it: the pixel is computed.
+        """
         snapshot = self.snapshot
         if self._document is None or snapshot is None or snapshot.draft:
             return None
         row = snapshot.read_row_at(x, y) if isinstance(snapshot, ShownFrame) else None
-        row = self.renderer.read_row_at(snapshot, int(x), int(y)) if row is None else row
+        row = self._picker.find_row_at(self._document, snapshot, x, y) if row is None else row
         return None if row is None or row < 0 else row
 
     def measure_depth_at(self, x: float, y: float) -> float | None:

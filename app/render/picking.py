@@ -54,25 +54,45 @@ class Picker:
         camera, column, row = snapshot.camera, int(np.floor(x)), int(np.floor(y))
         if not (0 <= column < camera.width and 0 <= row < camera.height):
             return _NOTHING
-        if self._splats is None or self._splats.document is not document:
-            self._splats, self._answer = PickableSplats(document), None
+        splats = self._choose_splats(document)
         pose = camera.world_from_camera.tobytes()
         lens = (camera.fx, camera.fy, camera.cx, camera.cy)
         key = (column, row, pose, lens, snapshot.time, snapshot.id_opacity, document.versions)
         if self._answer is None or self._answer[0] != key:
-            self._splats.update(snapshot.time)
-            self._answer = (key, _pick_instances(self._splats, snapshot, column, row))
+            splats.update(snapshot.time)
+            self._answer = (key, _pick_instances(splats, snapshot, column, row))
         return self._answer[1]
 
+    def find_row_at(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> int | None:
+        """Find the splat that a position of the picture (pixels) stands for; None where none is, or outside."""
+        camera, column, row = snapshot.camera, int(np.floor(x)), int(np.floor(y))
+        if not (0 <= column < camera.width and 0 <= row < camera.height):
+            return None
+        splats = self._choose_splats(document)
+        splats.update(snapshot.time)
+        winner = _find_fragments(splats, snapshot, column, row)[1]
+        return winner if winner >= 0 else None
 
-def _pick_instances(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> PickedInstances:
-    camera, opacities, ids = snapshot.camera, splats.opacities, splats.document.scene.instance_ids
+    def _choose_splats(self, document: Document) -> PickableSplats:
+        if self._splats is None or self._splats.document is not document:
+            self._splats, self._answer = PickableSplats(document), None
+        return self._splats
+
+
+def _find_fragments(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> tuple[Contributors, int]:
+    """What reaches a pixel, front to back, and the row that it stands for; -1 for none."""
+    camera, opacities = snapshot.camera, splats.opacities
     settings = choose_raster_settings(splats.document.scene)
     near = find_rows_near_pixel(splats.means, splats.log_sizes, opacities, camera, column, row, settings)
     shape = splats.means[near], *splats.compute_shapes(near), opacities[near]
     fragments = find_fragments_among(near, *shape, camera, column, row, settings)
     rule = replace(DEFAULT_PICK_RULE, min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
-    winner = pick_winner(fragments.blended, rule)
+    return fragments, pick_winner(fragments.blended, rule)
+
+
+def _pick_instances(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> PickedInstances:
+    ids = splats.document.scene.instance_ids
+    fragments, winner = _find_fragments(splats, snapshot, column, row)
     first = int(ids[winner]) if winner >= 0 else 0
     if first == 0:
         return _NOTHING

@@ -10,7 +10,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.preferences.themes import BACKGROUND, TEXT
-from instdrive_app.render.gl.present_pass import DEPTH_RAMP
+from instdrive_app.render.picture_colors import DEPTH_RAMP
 from instdrive_app.state import ViewMode
 
 

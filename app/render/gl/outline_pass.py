@@ -9,11 +9,8 @@ from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
 from instdrive_app.render.gl.splat_textures import WIDTH
 from instdrive_app.render.gl.targets import Targets
+from instdrive_app.render.picture_colors import HOVERED_LINE, SELECTED_LINE, SELECTED_TINT
 from instdrive_core.scene.selection import Flag
-
-SELECTED_LINE = (1.0, 0.72, 0.20, 1.0)
-SELECTED_TINT = (1.0, 0.80, 0.40, 0.16)
-HOVERED_LINE = (1.0, 1.0, 1.0, 0.95)
 
 
 class OutlinePass:

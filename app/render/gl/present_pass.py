@@ -10,17 +10,9 @@ from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
 from instdrive_app.render.gl.splat_textures import WIDTH
 from instdrive_app.render.gl.targets import Targets
+from instdrive_app.render.picture_colors import DEPTH_RAMP
 from instdrive_app.state import ViewMode
 
-DEPTH_RAMP = (
-    (0.99, 0.91, 0.55),
-    (0.98, 0.62, 0.32),
-    (0.86, 0.31, 0.36),
-    (0.55, 0.18, 0.51),
-    (0.25, 0.16, 0.46),
-    (0.06, 0.08, 0.20),
-)
-"""RGB of the depth view, near to far."""
 _SAFE_COLORS = tuple(map(tuple, (SAFE_COLORS / 255).tolist()))
 _VIEWS = {
     ViewMode.COLOR: 0,

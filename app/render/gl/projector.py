@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import moderngl
 import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
 
 from instdrive_app.render.depth_order import NOTHING_SORTED, OrderSorter
 from instdrive_app.render.gl.gl_state import draw_into
@@ -16,6 +20,10 @@ from instdrive_core.scene.camera import Camera
 
 RECORD_FLOATS = 11
 """Numbers captured per splat: centre x, y, depth, opacity; half axes (4); colour (3)."""
+KEPT_TURN = math.cos(math.radians(0.5))
+"""Cosine of the angle that a moving camera may turn by before splats are sorted again …"""
+KEPT_WAY = 0.5
+"""… and metres that it may go along its axis: splats behind it are not sorted, and some come into view."""
 SPARE_SHARE = 8
 """A buffer that grows gets room for one spare splat per this many."""
 
@@ -38,6 +46,9 @@ class Projector:
         self._no_picture = ctx.framebuffer([self._no_texture])
         self._sorter = OrderSorter()
         self._uploaded = NOTHING_SORTED
+        self._last_axis = np.zeros(4, np.float32)
+        self._sorted_for = np.zeros(4, np.float32), -1
+        """Viewing axis and `pose_version` that the order belongs to."""
         self.serial = 0
         """Rises whenever the order changes."""
         self.current = False
@@ -60,15 +71,34 @@ class Projector:
         """
         axis = camera.camera_from_world[2].astype(np.float32)
         key = (axis.tobytes(), scene.pose_version)
+        if not wait and self._may_keep_order(axis, scene.pose_version):
+            return
         sort = self._sorter.sort_now if wait else self._sorter.sort_soon
         order = sort(key, scene.means, axis, self._settings.near)
         self.current = order.key == key
+        if self.current:
+            self._sorted_for = axis, scene.pose_version
         if order is not self._uploaded:
             self._reserve(len(order.rows))
             if len(order.rows):
                 self.order.write(order.rows)
             self._uploaded = order
             self.serial += 1
+
+    def _may_keep_order(self, axis: Float32[ndarray, "4"], pose_version: int) -> bool:
+        """Whether the camera moves on and has hardly turned since the last sort: the picture would not differ.
+
+        A camera that stands still gets its exact order.
+        """
+        moves, self._last_axis = not np.array_equal(axis, self._last_axis), axis
+        sorted_for, version = self._sorted_for
+        if not moves or version != pose_version or not self._uploaded.in_front:
+            return False
+        turned = float(axis[:3] @ sorted_for[:3]) < KEPT_TURN
+        if turned or abs(float(axis[3] - sorted_for[3])) > KEPT_WAY:
+            return False
+        self.current = bool(np.array_equal(axis, sorted_for))
+        return True
 
     def project(self, scene: GpuScene, camera: Camera, least_dot: float | None = None) -> None:
         """Bring `records` up to date; call it after `sort`.

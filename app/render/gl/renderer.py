@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import fields
+from collections.abc import Callable
 from typing import Any
 
 import moderngl
@@ -11,7 +10,15 @@ import numpy as np
 from jaxtyping import Float32, UInt8, UInt32
 from numpy import ndarray
 
+from instdrive_app.render.frame_keys import (
+    DRAFT_FACTOR,
+    FLAT_MODES,
+    make_camera_key,
+    make_snapshot_key,
+    round_to_figure,
+)
 from instdrive_app.render.gl.color_pass import ColorPass
+from instdrive_app.render.gl.frame_clock import FrameClock
 from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.id_pass import IdPass
 from instdrive_app.render.gl.outline_pass import OutlinePass
@@ -20,20 +27,18 @@ from instdrive_app.render.gl.projector import Projector
 from instdrive_app.render.gl.rings_pass import RingsPass
 from instdrive_app.render.gl.sky_pass import SkyPass
 from instdrive_app.render.gl.targets import Targets
+from instdrive_app.render.winner_frames import WinnerFrames
 from instdrive_app.state import SPLAT_MODES, FrameSnapshot, ViewMode
 from instdrive_core.edits.document.document import Document
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
 
-DRAFT_FACTOR = 2
-"""How many times fewer pixels per axis blended views have while the camera moves."""
-FLAT_MODES = (ViewMode.INSTANCE, ViewMode.CODEWORD)
-
 
 class GlRenderer:
     """A `FrameRenderer` on OpenGL: draws off screen, and `picture` is what the window shows."""
 
-    def __init__(self, ctx: moderngl.Context, document: Document) -> None:
+    def __init__(self, ctx: moderngl.Context, document: Document, wake: Callable[[], None] = lambda: None) -> None:
+        """`wake` is called from another thread when a still view's pixels know what they stand for."""
         self._ctx, self._document = ctx, document
         self.scene = GpuScene(ctx, document)
         self._projector = Projector(ctx, len(document.scene))
@@ -43,12 +48,19 @@ class GlRenderer:
         self._targets: Targets | None = None
         self._retired: list[Targets] = []
         self._keys: dict[str, object] = {}
+        self._winners = WinnerFrames(document, wake)
+        self._asked_winners: object = None
+        self._winners_due = False
         self.blended_draws = 0
         """How often splats were blended; it does not rise while nothing changes."""
-        self.frame_seconds = 0.0
-        """Seconds that the last frame took which had to be blended."""
+        self._clock = FrameClock(ctx)
         self.shown: FrameSnapshot | None = None
         """The snapshot that `picture` was drawn for; None before the first frame."""
+
+    @property
+    def frame_seconds(self) -> float:
+        """Seconds that the last frame took which had to be blended; known when the next frame is asked for."""
+        return self._clock.seconds
 
     @property
     def picture(self) -> moderngl.Texture | None:
@@ -63,8 +75,9 @@ class GlRenderer:
 
     @property
     def settled(self) -> bool:
-        """Whether the last frame showed all splats, blended in the right order; if not, a later one will."""
-        return self._projector.current and self.scene.complete
+        """Whether the last frame showed all splats in the right order, and what its pixels stand for; if not, a later
+        one will."""
+        return self._projector.current and self.scene.complete and not self._winners_due
 
     def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
         """Bring `picture` up to date.
@@ -72,26 +85,28 @@ class GlRenderer:
         Without `wait` no frame waits for sorting or for the upload of many splats: the last order serves until the new
         one is ready, and a large scene appears over a few frames; see `settled`.
         """
-        before, started = self.blended_draws, time.perf_counter()
-        self._bring_up_to_date(snapshot, wait)
+        self._clock.read()
+        with self._clock:
+            before = self.blended_draws
+            self._bring_up_to_date(snapshot, wait)
+            self._clock.counts = self.blended_draws != before
         self.shown = snapshot
-        if self.blended_draws != before:
-            self._ctx.finish()
-            self.frame_seconds = time.perf_counter() - started
 
     def _bring_up_to_date(self, snapshot: FrameSnapshot, wait: bool) -> None:
         self.scene.update(snapshot.time, wait)
         targets = self._find_targets(snapshot)
         self._projector.sort(self.scene, snapshot.camera, wait)
+        self._winners_due = False
         if snapshot.view_mode in FLAT_MODES:
-            self._draw_rows(targets, snapshot)
+            self._draw_rows(targets, snapshot, wait)
         else:
             self._draw_blended(targets, snapshot)
         marked = snapshot.show_outlines and not snapshot.draft and self._has_marks(snapshot)
         if marked:
-            self._draw_rows(targets, snapshot)
+            self._draw_rows(targets, snapshot, wait)
         shown = (make_snapshot_key(snapshot), self.scene.look_version, self.scene.id_version, self._projector.serial)
-        shown = (*shown, marked and self._document.versions.states)
+        shows_rows = marked or snapshot.view_mode in FLAT_MODES
+        shown = (*shown, marked and self._document.versions.states, shows_rows and self._keys.get("rows"))
         if self._keys.get("shown") == shown:
             return
         self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range, snapshot.safe_colors)
@@ -110,23 +125,23 @@ class GlRenderer:
         self._retired.clear()
 
     def read_rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
-        """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
-        targets = self._draw_exact_rows(snapshot)
-        return np.frombuffer(targets.rows.read(alignment=1), np.uint32).reshape(targets.size[::-1])
+        """Row + 1 of the splat that every pixel stands for, by the rule of clicks; 0 = none."""
+        self.scene.update(snapshot.time)
+        winner = self._winners.find(snapshot, self._make_winner_key(snapshot), wait=True)
+        assert winner is not None, "it was waited for"
+        return (winner + 1).astype(np.uint32)
 
     def read_instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
-        """The instance that the ID view shows at every pixel; 0 = none."""
+        """The instance that every pixel stands for; 0 = none."""
         rows = self.read_rows(snapshot)
         with_none = np.append(np.uint32(0), self._document.scene.instance_ids)
         return with_none[rows]
 
     def read_row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
-        """The splat that the ID view shows at a pixel; None where none is, or outside."""
+        """The splat that a pixel stands for; None where none is, or outside."""
         if not (0 <= x < snapshot.camera.width and 0 <= y < snapshot.camera.height):
             return None
-        targets = self._draw_exact_rows(snapshot)
-        pixel = targets.rows_buffer.read(viewport=(x, y, 1, 1), components=1, dtype="u4", alignment=1)
-        row_plus_one = int(np.frombuffer(pixel, np.uint32)[0])
+        row_plus_one = int(self.read_rows(snapshot)[y, x])
         return row_plus_one - 1 if row_plus_one else None
 
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:
@@ -138,7 +153,8 @@ class GlRenderer:
     def read_blended(self) -> Float32[ndarray, "h w 4"]:
         """Read the blended target of the last colour or depth frame: premultiplied over the sky; alpha is coverage."""
         assert self._targets is not None, "render was never called"
-        pixels = np.frombuffer(self._targets.blended.read(alignment=1), np.float32)
+        kind = np.float32 if self._targets.shows_depth else np.float16
+        pixels = np.frombuffer(self._targets.blended.read(alignment=1), kind)
         width, height = self._targets.blended_size
         return pixels.reshape(height, width, 4).astype(np.float32)
 
@@ -147,6 +163,8 @@ class GlRenderer:
         passes = (self._sky, self._color, self._rings, self._ids, self._present, self._outline)
         for thing in (*passes, self._projector, self.scene):
             thing.release()
+        self._winners.release()
+        self._clock.release()
         self.free_retired()
         if self._targets is not None:
             self._targets.release()
@@ -155,23 +173,17 @@ class GlRenderer:
         size = (snapshot.camera.width, snapshot.camera.height)
         factor = DRAFT_FACTOR if snapshot.draft else 1
         blended_size = (max(1, size[0] // factor), max(1, size[1] // factor))
-        targets = self._targets
-        if targets is None or targets.size != size or targets.blended_size != blended_size:
+        shows_depth = snapshot.view_mode is ViewMode.DEPTH
+        targets, wanted = self._targets, (size, blended_size, shows_depth)
+        if targets is None or (targets.size, targets.blended_size, targets.shows_depth) != wanted:
             if targets is not None:
                 self._retired.append(targets)
-            targets = self._targets = Targets(self._ctx, size, blended_size)
+            targets = self._targets = Targets(self._ctx, *wanted)
             self._keys.clear()
         return targets
 
     def _has_marks(self, snapshot: FrameSnapshot) -> bool:
         return snapshot.hovered != 0 or bool(self._document.state.find_mask(Flag.SELECTED).any())
-
-    def _draw_exact_rows(self, snapshot: FrameSnapshot) -> Targets:
-        self.scene.update(snapshot.time)
-        targets = self._find_targets(snapshot)
-        self._projector.sort(self.scene, snapshot.camera, wait=True)
-        self._draw_rows(targets, snapshot)
-        return targets
 
     def _make_look_key(self, camera: Camera) -> tuple[Any, ...]:
         """Make a key that identifies what the projected splats look like through a camera."""
@@ -203,7 +215,19 @@ class GlRenderer:
         self._keys["blended"] = key
         self.blended_draws += 1
 
-    def _draw_rows(self, targets: Targets, snapshot: FrameSnapshot) -> None:
+    def _draw_rows(self, targets: Targets, snapshot: FrameSnapshot, wait: bool) -> None:
+        """Bring `targets.rows` up to date: by the rule of clicks where the view is still and that is known, else the
+        nearest solid splats."""
+        wanted = self._make_winner_key(snapshot)
+        is_still = wait or wanted == self._asked_winners
+        self._asked_winners = wanted
+        winner = self._winners.find(snapshot, wanted, wait) if is_still and not snapshot.draft else None
+        self._winners_due = winner is None
+        if winner is not None:
+            if self._keys.get("rows") != (wanted, "winners"):
+                targets.write_rows((winner + 1).astype(np.uint32))
+                self._keys["rows"] = wanted, "winners"
+            return
         key = (self._make_look_key(snapshot.camera), snapshot.id_opacity, _find_least_dot(snapshot))
         if self._keys.get("rows") == key:
             return
@@ -211,28 +235,12 @@ class GlRenderer:
         self._ids.draw(targets, snapshot.id_opacity)
         self._keys["rows"] = key
 
+    def _make_winner_key(self, snapshot: FrameSnapshot) -> tuple[Any, ...]:
+        """Make a key that is equal where pixels stand for the same splats."""
+        mode = snapshot.view_mode if snapshot.view_mode in SPLAT_MODES else None
+        return make_camera_key(snapshot.camera), snapshot.time, self.scene.look_version, snapshot.id_opacity, mode
+
 
 def _find_least_dot(snapshot: FrameSnapshot) -> float | None:
     """Opacity from which splats are dots; None where the view shows them whole."""
     return snapshot.id_opacity if snapshot.view_mode is ViewMode.CENTERS else None
-
-
-def make_camera_key(camera: Camera) -> tuple[Any, ...]:
-    """Make a key that is equal for cameras that see the same."""
-    pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
-    return (*pinhole, camera.world_from_camera.tobytes())
-
-
-def make_snapshot_key(snapshot: FrameSnapshot) -> tuple[Any, ...]:
-    """Make a key that is equal for snapshots that ask for the same frame."""
-    rest = [getattr(snapshot, entry.name) for entry in fields(FrameSnapshot) if entry.name != "camera"]
-    return (make_camera_key(snapshot.camera), *rest)
-
-
-def round_to_figure(value: float, down: bool) -> float:
-    """Round down or up to 1, 2 or 5 times a power of ten."""
-    power = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
-    steps = [step * power for step in (1.0, 2.0, 5.0, 10.0)]
-    return (
-        max(step for step in steps if step <= value * 1.0001) if down else min(s for s in steps if s >= value * 0.9999)
-    )

@@ -6,10 +6,8 @@ import moderngl
 
 from instdrive_app.render.gl.gl_state import draw_into
 from instdrive_app.render.gl.programs import build_program, set_uniforms
+from instdrive_app.render.picture_colors import BACKDROP
 from instdrive_core.scene.camera import Camera
-
-BACKDROP = (0.055, 0.06, 0.07)
-"""RGB where the scene has no sky."""
 
 
 class SkyPass:

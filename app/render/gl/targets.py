@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import moderngl
 import numpy as np
+from jaxtyping import UInt32
+from numpy import ndarray
 
 
 class Targets:
     """Where the passes draw: `blended` (colour or depth, may be smaller), `rows`, `mask`, and `shown` for the user."""
 
-    def __init__(self, ctx: moderngl.Context, size: tuple[int, int], blended_size: tuple[int, int]) -> None:
-        self.size, self.blended_size = size, blended_size
-        self.blended = ctx.texture(blended_size, 4, dtype="f4")
+    def __init__(
+        self, ctx: moderngl.Context, size: tuple[int, int], blended_size: tuple[int, int], shows_depth: bool = False
+    ) -> None:
+        """With `shows_depth`, `blended` holds metres, for which half floats are too coarse."""
+        self.size, self.blended_size, self.shows_depth = size, blended_size, shows_depth
+        self.blended = ctx.texture(blended_size, 4, dtype="f4" if shows_depth else "f2")
         self.blended.repeat_x = self.blended.repeat_y = False
         self.blended_buffer = ctx.framebuffer([self.blended])
         self.rows = _create_integer_texture(ctx, size, "u4")
@@ -21,12 +26,10 @@ class Targets:
         self.mask_buffer = ctx.framebuffer([self.mask])
         self.shown = ctx.texture(size, 4, dtype="f1")
         self.shown_buffer = ctx.framebuffer([self.shown])
-        self._nothing = np.zeros((size[1], size[0]), np.uint32)
 
-    def clear_rows(self) -> None:
-        """Clear `rows` to no splat anywhere. Framebuffer.clear would write float bits into the integer target."""
-        self.rows_buffer.clear(depth=1.0)
-        self.rows.write(self._nothing, alignment=1)
+    def write_rows(self, rows: UInt32[ndarray, "h w"]) -> None:
+        """Write row + 1 of every pixel's splat, 0 for none, as somebody else has found them."""
+        self.rows.write(np.ascontiguousarray(rows), alignment=1)
 
     def release(self) -> None:
         """Free everything."""

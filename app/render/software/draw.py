@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 from numpy import ndarray
 
-from instdrive_app.render.gl.renderer import (
+from instdrive_app.render.frame_keys import (
     DRAFT_FACTOR,
     FLAT_MODES,
     make_camera_key,
     make_snapshot_key,
     round_to_figure,
 )
-from instdrive_app.render.gl.sky_pass import BACKDROP
+from instdrive_app.render.picture_colors import BACKDROP
 from instdrive_app.render.software.merged_splats import MergedSplats
 from instdrive_app.render.software.picture import add_outlines, paint_color, paint_depth, paint_ids, paint_safe_ids
 from instdrive_app.render.software.placed_splats import PlacedSplats

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int32, UInt16, UInt32
 from numpy import ndarray
 
-from instdrive_app.render.gl.renderer import DRAFT_FACTOR
+from instdrive_app.render.frame_keys import DRAFT_FACTOR
 from instdrive_app.render.software.placed_splats import PlacedSplats
 from instdrive_app.render.software.scene import SceneState
 from instdrive_core.available_memory import measure_available_memory

@@ -11,8 +11,7 @@ from jaxtyping import Float32, Int32, UInt8, UInt32
 from numpy import ndarray
 
 from instdrive_app.preferences.instance_colors import paint_safe_colors
-from instdrive_app.render.gl.outline_pass import HOVERED_LINE, SELECTED_LINE, SELECTED_TINT
-from instdrive_app.render.gl.present_pass import DEPTH_RAMP
+from instdrive_app.render.picture_colors import DEPTH_RAMP, HOVERED_LINE, SELECTED_LINE, SELECTED_TINT
 from instdrive_core.instances.colormap import ID_LIMIT, INVERSE, MULTIPLIER, colors_from_ids
 from instdrive_core.rasterize.kernels.fragment import FAST
 from instdrive_core.scene.selection import Flag

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8, UInt32
 from numpy import ndarray
 
-from instdrive_app.render.gl.sky_pass import BACKDROP
+from instdrive_app.render.picture_colors import BACKDROP
 from instdrive_app.render.shown_frame import ShownFrame, drop_winners
 from instdrive_app.render.software.draw import DrawnFrame, FrameRequest, SoftwareDraw
 from instdrive_app.render.software.scene import SceneWatcher

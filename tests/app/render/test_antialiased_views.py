@@ -36,7 +36,7 @@ def test_opengl_and_the_cpu_draw_the_same_and_less_than_unmarked(gl, marked):
     assert np.quantile(difference.max(axis=2), 0.99) <= 3
     expected = view_scene(marked.scene, snapshot.camera, snapshot.time).alpha
     alpha = by_gl.read_blended()[..., 3]
-    assert np.abs(alpha - expected).mean() < 1e-4
+    assert np.abs(alpha - expected).mean() < 1.5e-3  # half floats
     by_gl.release()
     by_cpu.release()
     marked.scene.antialiased = False

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -198,3 +199,33 @@ def test_exact_reads_wait_even_where_frames_do_not(gl, street, renderer, gate):
     fresh = GlRenderer(gl, street)
     np.testing.assert_array_equal(ids, fresh.read_instance_ids(snapshot))
     fresh.release()
+
+
+def test_a_moving_camera_keeps_its_order_until_it_has_turned_by_half_a_degree(street, renderer, monkeypatch):
+    """A camera that stops gets its exact order, however little it has turned."""
+    sorts = []
+    real = orders.sort_by_depth
+    monkeypatch.setattr(orders, "sort_by_depth", lambda key, *rest: sorts.append(key) or real(key, *rest))
+    first = take_snapshot(street, 0)
+    renderer.render(first)
+
+    def turned(degrees):
+        pose = first.camera.world_from_camera.copy()
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        pose[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ pose[:3, :3]
+        return replace(first, camera=replace(first.camera, world_from_camera=pose))
+
+    for degrees in (0.1, 0.2, 0.3, 0.4):
+        renderer.render(turned(degrees), wait=False)
+    assert len(sorts) == 1
+    assert not renderer.settled
+
+    def settles():
+        renderer.render(turned(0.4), wait=False)
+        return renderer.settled
+
+    eventually(settles)
+    assert len(sorts) == 2
+    np.testing.assert_array_equal(renderer.read_blended(), blend(renderer, turned(0.4)))
+    renderer.render(turned(1.2), wait=False)
+    eventually(lambda: len(sorts) == 3)

@@ -1,6 +1,7 @@
 """The OpenGL passes against the CPU rasterizer, which shares nothing with them but the constants."""
 
 import ctypes
+import time
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from procedural_street import DRIVING_CAR, FIRST_CAR, ROAD
 
 from instdrive_app import camera
 from instdrive_app.render.gl.renderer import GlRenderer
-from instdrive_app.state import EditorState, ViewMode, resolve
+from instdrive_app.state import ID_ALPHA_CUT, EditorState, ViewMode, resolve
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.merge import MergeInstances
@@ -21,7 +22,7 @@ from instdrive_core.rasterize.preview import PickRule, render_preview
 
 SIZE = (300, 180)
 NEAREST_SOLID = PickRule(min_share=0.0, min_coverage=2.0)
-"""The rule of the ID view: no second thought about floaters."""
+"""The rule of the ID pass, which draws views of instances and outlines while the camera moves."""
 
 
 @pytest.fixture
@@ -64,8 +65,8 @@ def test_color_equals_the_cpu_rasterizer(renderer, street, index, change):
     sky = street.scene.sky.sample(snapshot.camera.compute_ray_directions())
     expected = np.concatenate([frame.color + (1 - frame.alpha[..., None]) * sky, frame.alpha[..., None]], axis=2)
     error = np.abs(renderer.read_blended() - expected)
-    assert error.mean() < 1e-4
-    assert np.quantile(error, 0.999) < 5e-3
+    assert error.mean() < 1.5e-3  # half floats; half a level of 255 is 2e-3
+    assert np.quantile(error, 0.999) < 1e-2
     shown = renderer.read_picture() / 255
     assert np.abs(shown - expected[..., :3].clip(0, 1)).mean() < 3e-3
 
@@ -82,11 +83,33 @@ def test_depth_equals_the_cpu_rasterizer(renderer, street):
 
 
 @pytest.mark.parametrize("index", [0, 5])
-def test_the_id_view_shows_the_nearest_solid_splat(renderer, street, index):
+def test_pixels_stand_for_the_splats_of_the_cpu_rasterizer(renderer, street, index):
     snapshot = resolve(state_at(street, index), *SIZE)
     rows = renderer.read_rows(snapshot).astype(np.int64) - 1
-    winners = cpu_frame(street, snapshot).winner  # nothing is deleted and the driving car is present: rows agree
-    assert (rows == winners).mean() > 0.999  # thresholds met within float rounding may fall on either side
+    winners = cpu_frame(street, snapshot, PickRule(min_alpha=ID_ALPHA_CUT)).winner  # nothing is deleted: rows agree
+    assert (rows == winners).mean() > 0.999  # harmonics do not count, thresholds within rounding do
+    shown = [renderer.read_row_at(snapshot, x, y) for x, y in ((10, 170), (150, 100), (150, 2))]
+    assert shown == [None if row < 0 else row for row in (winners[170, 10], winners[100, 150], winners[2, 150])]
+
+
+@pytest.mark.parametrize("index", [0, 5])
+def test_the_nearest_solid_splats_are_shown_until_it_is_known_what_pixels_stand_for(renderer, street, index):
+    snapshot = resolve(state_at(street, index, view_mode=ViewMode.INSTANCE), *SIZE)
+    renderer.scene.update(snapshot.time)
+    renderer._projector.sort(renderer.scene, snapshot.camera, wait=True)
+    with_none = np.append(street.scene.instance_ids, np.uint32(0))
+    renderer.render(snapshot, wait=False)
+    assert not renderer.settled
+    nearest = with_none[cpu_frame(street, snapshot).winner]
+    assert (ids_from_colors(renderer.read_picture()) == nearest).mean() > 0.999
+    deadline = time.monotonic() + 60
+    while not renderer.settled:
+        assert time.monotonic() < deadline
+        renderer.render(snapshot, wait=False)
+        time.sleep(0.002)
+    expected = with_none[cpu_frame(street, snapshot, PickRule(min_alpha=ID_ALPHA_CUT)).winner]
+    assert (ids_from_colors(renderer.read_picture()) == expected).mean() > 0.999
+    assert (expected != nearest).mean() > 0.01
 
 
 @pytest.mark.parametrize("mode", [ViewMode.INSTANCE, ViewMode.CODEWORD])
@@ -133,8 +156,8 @@ def test_hidden_and_deleted_instances_vanish_and_undo_restores_every_pixel(rende
 def test_an_actor_moves_with_time_and_is_absent_outside_its_track(renderer, street):
     state = state_at(street, 0)
     places = []
-    for time in (0.0, 1.0):
-        state.time = time
+    for moment in (0.0, 1.0):
+        state.time = moment
         places.append(np.argwhere(renderer.read_instance_ids(resolve(state, *SIZE)) == DRIVING_CAR).mean(axis=0))
     assert np.linalg.norm(places[0] - places[1]) > 3
     state.time = 60.0
@@ -180,6 +203,23 @@ def test_splats_are_blended_only_when_the_picture_changes(renderer, street):
     street.apply(DeleteInstances((FIRST_CAR,)))
     renderer.render(resolve(state, *SIZE))
     assert renderer.blended_draws == 2
+
+
+def test_frames_are_timed_without_waiting_for_them(gl, renderer, street):
+    """The time is known at the next frame; a frame in which nothing was blended does not count."""
+    state = state_at(street, 0)
+    renderer.render(resolve(state, *SIZE))
+    renderer.render(resolve(state, *SIZE))
+    seconds = renderer.frame_seconds
+    assert 0 < seconds < 60
+    renderer.render(resolve(state, *SIZE))
+    assert renderer.frame_seconds == seconds
+    other = GlRenderer(gl, street)
+    renderer.render(resolve(state_at(street, 3), *SIZE))
+    other.render(resolve(state, *SIZE))  # takes the context's timer
+    renderer.render(resolve(state, *SIZE))
+    assert 0 < renderer.frame_seconds < 60
+    other.release()
 
 
 def test_a_draft_is_a_coarser_picture_of_the_same(renderer, street):
