@@ -5,6 +5,7 @@ from __future__ import annotations
 from instdrive_core.errors import InstDriveError
 
 EXTRAS = {
+    "OpenEXR": "exr",
     "av": "video",
     "cv2": "train",
     "embreex": "train",

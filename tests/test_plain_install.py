@@ -119,6 +119,7 @@ def test_extras_are_those_of_the_project():
             "clouds",
             "video",
             "mcap",
+            "exr",
             "serve",
         )  # the later of two is named
         for requirement in map(Requirement, PROJECT["optional-dependencies"][extra])
