@@ -22,6 +22,7 @@ EXTRAS = {
     "pxr": "usd",
     "pycolmap": "capture",
     "ray": "fleet",
+    "scenariogeneration": "openscenario",
     "skimage": "train",
     "torch": "train",
     "transformers": "sam",
