@@ -135,3 +135,23 @@ def test_no_rays_and_no_splats_give_no_returns():
     assert len(RayCaster(scene).cast(fan(count=0)).ranges) == 0
     scene.gaussians.means[:] = np.nan
     assert np.isinf(RayCaster(scene).cast(fan(count=5)).ranges).all()
+
+
+def test_splats_that_a_ray_meets_are_listed_from_near_to_far():
+    scene, rays = make_scene([FAR_WALL, NEAR_PANEL], [WALL, PANEL], alpha=0.0), fan()
+    caster = RayCaster(scene)
+    met, found = caster.list_met(rays), caster.cast(rays)
+    there = met.rows >= 0
+    assert there.any(axis=1).all()
+    assert (np.diff(np.where(there, met.depths, np.inf)[:, :4], axis=1) >= 0).all()
+    assert (met.weights[~there] == 0).all()
+    np.testing.assert_allclose(met.weights.sum(axis=1), found.opacities, atol=1e-5)
+
+
+def test_a_return_is_the_mean_of_the_splats_about_it():
+    wall = tile(np.array([20.0, 0, 0]), Y, Z, 6.0, spacing=0.1)
+    wall[:, 0] += np.random.default_rng(1).normal(0, 0.05, len(wall))
+    rays = fan()
+    found = RayCaster(make_scene([wall], [WALL], alpha=-2.0)).cast(rays)
+    returned, single = found.ranges * rays.directions[:, 0], wall[found.rows, 0]
+    assert np.std(returned) < 0.5 * np.std(single)
