@@ -148,10 +148,17 @@ def test_splats_that_a_ray_meets_are_listed_from_near_to_far():
     np.testing.assert_allclose(met.weights.sum(axis=1), found.opacities, atol=1e-5)
 
 
-def test_a_return_is_the_mean_of_the_splats_about_it():
-    wall = tile(np.array([20.0, 0, 0]), Y, Z, 6.0, spacing=0.1)
-    wall[:, 0] += np.random.default_rng(1).normal(0, 0.05, len(wall))
-    rays = fan()
-    found = RayCaster(make_scene([wall], [WALL], alpha=-2.0)).cast(rays)
-    returned, single = found.ranges * rays.directions[:, 0], wall[found.rows, 0]
-    assert np.std(returned) < 0.5 * np.std(single)
+def test_a_return_is_the_mean_of_the_splats_about_it_by_the_light_that_they_take():
+    sheets = [np.array([[x, 0.0, 0]]) for x in (20.0, 20.2, 21.0)]
+    scene = make_scene(sheets, [WALL, WALL, PANEL])
+    scene.gaussians.log_scales[:, 1:] = np.log(np.float32(3))
+    opacities = np.array([0.4, 0.8, 0.9])
+    scene.gaussians.opacity_logits[:] = np.log(opacities / (1 - opacities))
+    rays = fan(count=1)
+    rays.directions[:] = [1, 0, 0]
+    found = RayCaster(scene).cast(rays)
+    taken = np.array([0.4, 0.6 * 0.8])  # the third lies too far behind
+    assert found.ranges[0] == pytest.approx(float(taken @ [20.0, 20.2] / taken.sum()), abs=1e-4)
+    assert found.rows[0] == 1
+    moved = RayCaster(scene, offsets=np.array([0.0, -0.1, 0.0], np.float32)).cast(rays)
+    assert moved.ranges[0] == pytest.approx(float(taken @ [20.0, 20.1] / taken.sum()), abs=1e-4)
