@@ -1,8 +1,9 @@
 """``python -m benchmarks.sweeps --run RUN``: LiDAR sweeps cast into scenes against measured ones. One JSON line.
 
 Held-out sweeps are cast along the directions in which they met something: `lidar_median_m` is the median difference of
-the ranges where something returned, `lidar_recall` the share of rays where something did, `seconds_sweep` the median
-time. `real_…` are the same of a second run, of a real drive. Without runs a synthetic street is trained.
+the ranges where something returned, `unlearned_median_m` the same without what training sweeps say of splats,
+`lidar_recall` the share of rays where something did, `seconds_sweep` the median time. `real_…` are the same of a second
+run, of a real drive. Without runs a synthetic street is trained.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from instdrive_core.errors import OptionError
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.recording.run_clip import open_run_clip
 from instdrive_core.sweeps.cast import RayCaster
+from instdrive_core.sweeps.offsets import learn_offsets
 from instdrive_core.sweeps.pattern import trace_pattern
 from instdrive_core.sweeps.place import find_sensor_place
 from instdrive_core.sweeps.rig import build_rig
@@ -47,9 +49,12 @@ def measure_sweeps(run: Path) -> dict[str, Any]:
     sweeps = [sweep for sweep in clip.sweeps if is_held_out(sweep.index)] if clip is not None else []
     if clip is None or not sweeps:
         raise OptionError(f"{run}: {problem or 'its clip has no held-out sweeps'}")
-    rig, caster = build_rig([frame.view for frame in clip.frames]), RayCaster(scene)
-    place = find_sensor_place(caster, rig, clip.training_sweeps[len(clip.training_sweeps) // 2])
-    misses, shares, seconds, rays = [], [], [], []
+    rig, bare = build_rig([frame.view for frame in clip.frames]), RayCaster(scene)
+    place = find_sensor_place(bare, rig, clip.training_sweeps[len(clip.training_sweeps) // 2])
+    started = time.perf_counter()
+    caster = RayCaster(scene, offsets=learn_offsets(bare, rig, clip.training_sweeps, place))
+    learning = time.perf_counter() - started
+    misses, unlearned, shares, seconds, rays = [], [], [], [], []
     for sweep in sweeps:
         pattern = trace_pattern(rig, sweep.time, sweep.load(), place)
         aimed = pattern.aim(rig, sweep.time)
@@ -59,11 +64,14 @@ def measure_sweeps(run: Path) -> dict[str, Any]:
         met = np.isfinite(ranges)
         measured = np.zeros(len(ranges)) if pattern.ranges is None else pattern.ranges
         misses.append(np.abs(ranges - measured)[met])
+        unlearned.append(np.abs(bare.cast(aimed).ranges - measured)[met])
         shares.append(met.mean())
         rays.append(len(ranges))
     return {
         "lidar_median_m": round(float(np.median(np.concatenate(misses))), 4),
         "lidar_recall": round(float(np.mean(shares)), 4),
+        "unlearned_median_m": round(float(np.median(np.concatenate(unlearned))), 4),
+        "seconds_learning": round(learning, 1),
         "seconds_sweep": round(float(np.median(seconds)), 3),
         "rays": int(np.median(rays)),
         "gaussians": len(scene),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from instdrive_core.errors import InstDriveError
 
 EXTRAS = {
+    "OpenEXR": "exr",
     "av": "video",
     "cv2": "train",
     "embreex": "train",
@@ -21,6 +22,7 @@ EXTRAS = {
     "pxr": "usd",
     "pycolmap": "capture",
     "ray": "fleet",
+    "scenariogeneration": "openscenario",
     "skimage": "train",
     "torch": "train",
     "transformers": "sam",

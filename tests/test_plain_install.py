@@ -119,6 +119,8 @@ def test_extras_are_those_of_the_project():
             "clouds",
             "video",
             "mcap",
+            "exr",
+            "openscenario",
             "serve",
         )  # the later of two is named
         for requirement in map(Requirement, PROJECT["optional-dependencies"][extra])

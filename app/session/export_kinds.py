@@ -28,6 +28,7 @@ from instdrive_core.progress import report, report_span
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances, export_scene
 from instdrive_core.project.nurec import describe_hand_over, export_hand_over
 from instdrive_core.rasterize.pictures import Look, draw_picture
+from instdrive_core.recording.ego_path import find_ego_way
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
@@ -185,9 +186,12 @@ def _write_actors(request: ExportRequest) -> str:
 def _write_objects(request: ExportRequest) -> str:
     with report_span(0.0, _BAKING):
         scene = bake_document(request.document, to_read=True)
-    hulls = request.choice.hulls
-    written = write_objects(request.path, scene, request.time, "hull" if hulls else "box")
+    hulls, ways = request.choice.hulls, request.path.suffix.lower() == ".xosc"
+    ego = find_ego_way(scene.views) if ways and scene.views else None
+    written = write_objects(request.path, scene, request.time, "hull" if hulls else "box", ego)
     instances, path = format_count(len(written), "instance"), request.path
+    if ways:
+        return phrase("Exported the ways of {instances} to {path}", instances=instances, path=path)
     if hulls:
         return phrase("Exported the hulls of {instances} to {path}", instances=instances, path=path)
     return phrase("Exported the boxes of {instances} to {path}", instances=instances, path=path)

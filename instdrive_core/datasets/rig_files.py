@@ -16,25 +16,6 @@ from instdrive_core.maths.rotations import matrix_from_quaternion
 FARTHEST = 1e9
 """Metres; no coordinate of a drive is larger."""
 _REMEDY = "Get the file again"
-_LONGEST_TEXT = 64 << 20
-"""Bytes; poses of an hour's drive are a tenth of it."""
-
-
-def read_text(file: Path) -> str:
-    """Read a small text file. Raises DataError where it is missing, no text, or far too long."""
-    try:
-        with require_plain_file(file).open("rb") as opened:
-            content = opened.read(_LONGEST_TEXT + 1)
-    except FileNotFoundError as error:
-        raise DataError(file, "is missing", _REMEDY) from error
-    except OSError as error:
-        raise DataError(file, f"cannot be read ({error})", _REMEDY) from error
-    if len(content) > _LONGEST_TEXT:
-        raise DataError(file, f"is longer than {_LONGEST_TEXT >> 20} MiB", _REMEDY)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DataError(file, f"is no text ({error})", _REMEDY) from error
 
 
 def parse_numbers(file: Path, words: list[str], where: str) -> Float64[ndarray, " n"]:

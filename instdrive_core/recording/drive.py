@@ -16,6 +16,7 @@ from instdrive_core.errors import OptionError
 from instdrive_core.project.open import open_document
 from instdrive_core.project.sources import SceneSources
 from instdrive_core.recording.annotations import find_annotated_tracks
+from instdrive_core.recording.depth_files import DepthFormat
 from instdrive_core.recording.lidar import OWN, Lidar, build_sweep_caster, choose_lidar
 from instdrive_core.recording.plan import RecordOptions, plan_camera_views, plan_rig_views, plan_views
 from instdrive_core.recording.shutter import RollingRig, build_rolling_rig
@@ -65,6 +66,8 @@ class Drive:
     """The cameras as they move while their lines are exposed; None where all lines are exposed at once."""
     lidar: Lidar | None = None
     """What `cast_sweep` casts, to be cast from anywhere."""
+    depth_format: DepthFormat = "npz"
+    """How depth in metres is written, beside the pictures in millimetres."""
 
 
 def open_drive(path: Path, options: RecordOptions) -> Drive:
@@ -113,4 +116,5 @@ def take_drive(document: Document, options: RecordOptions) -> Drive:
         options.lidar or OWN,
         None if options.shutter is None else build_rolling_rig(options.shutter, plan_camera_views(edited, options)),
         lidar,
+        options.depth_format,
     )

@@ -7,7 +7,7 @@ Layout::
     instances/<camera>/NN.png     the editor's IDs: 16-bit grey; R + 256 G + 65536 B where an ID needs more
     classes/<camera>/NN.png       numbers of the manifest's classes: 16-bit grey, 0 = none
     depth/<camera>/NN.png         millimetres along the viewing axis: 16-bit grey, 0 = nothing, 65535 = that or farther
-    depth/<camera>/NN.npz         'depth': the same in metres, float32, without an end
+    depth/<camera>/NN.npz         'depth': the same in metres, float32, without an end; or .exr, channel Z
     flow/<camera>/NN.npz          'flow': pixels right and down to the camera's next picture, 'valid'; on request
     confidence/<camera>/NN.png    255 = all that is shown was seen by enough photos: 8-bit grey; on request
     lidar/NN.npz                  'points', 'intensity', 'times', 'instances', 'world_from_lidar'; where sweeps are cast
@@ -35,6 +35,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
 from instdrive_core.files.json_fields import read_json
 from instdrive_core.masks.export.id_pictures import pack_ids
+from instdrive_core.recording.depth_files import DepthFormat, encode_depth
 from instdrive_core.recording.plan import describe_view
 from instdrive_core.recording.views import RecordedView
 from instdrive_core.scene.camera import CameraView
@@ -61,15 +62,16 @@ def name_moment(step: int) -> str:
     return f"moments/{step:02d}.json"
 
 
-def write_view(folder: Path, recorded: RecordedView, packed: bool) -> None:
+def write_view(folder: Path, recorded: RecordedView, packed: bool, depth_format: DepthFormat = "npz") -> None:
     """Write all files of a view, each atomically, its listing last.
 
     Args:
         folder: of the recording.
         recorded: the view.
         packed: whether IDs need three bytes; the same for all views.
+        depth_format: of the depth in metres.
 
-    Raises DataError where a file cannot be written.
+    Raises DataError where a file cannot be written, MissingExtraError where a package for the depth is missing.
     """
     view, sizes = recorded.view, {}
 
@@ -84,7 +86,7 @@ def write_view(folder: Path, recorded: RecordedView, packed: bool) -> None:
     write("instances", ".png", _encode_png(ids))
     write("classes", ".png", _encode_png(recorded.classes))
     write("depth", ".png", _encode_png(millimetres))
-    write("depth", ".npz", _encode_arrays(depth=recorded.depth))
+    write("depth", f".{depth_format}", encode_depth(recorded.depth, depth_format))
     if recorded.flow is not None:
         write("flow", ".npz", _encode_arrays(flow=recorded.flow.flow, valid=recorded.flow.valid))
     facts: dict[str, Any] = {}

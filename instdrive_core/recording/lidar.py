@@ -7,18 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32, Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.datasets.clip import Clip
+from instdrive_core.datasets.clip import Sweep
 from instdrive_core.errors import OptionError
 from instdrive_core.maths.streams import Stream, make_generator
+from instdrive_core.progress import report_span
 from instdrive_core.recording.run_clip import open_run_clip
 from instdrive_core.recording.sweep_files import CastSweep, MomentSweep
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 from instdrive_core.sweeps.cast import RayCaster
 from instdrive_core.sweeps.intensity import learn_intensities
+from instdrive_core.sweeps.offsets import learn_offsets
 from instdrive_core.sweeps.pattern import Pattern, trace_pattern
 from instdrive_core.sweeps.place import find_sensor_place
 from instdrive_core.sweeps.rig import Rig, build_rig
@@ -35,6 +37,8 @@ class Lidar:
     """Where it looks in the sweep of a moment, seconds."""
     intensities: Float32[ndarray, " n"]
     """By splat of the edited scene."""
+    offsets: Float32[ndarray, " n"] | None = None
+    """By splat, metres from where it is densest to its surface; None where no sweep says it."""
     notes: tuple[str, ...] = ()
     """What the user should know."""
 
@@ -60,15 +64,20 @@ def choose_lidar(name: str | None, run: Path | None, opened: Scene, rows: Int64[
             return None
         raise OptionError(f"there are no sweeps to learn the own LiDAR from: {problem or 'the clip has none'}")
     notes = []
-    if clip is not None and has_sweeps:
-        intensities = learn_intensities(opened, clip)[rows]
-    else:
+    described = None if name in (None, OWN) else find_sensor(name)
+    if clip is None or not has_sweeps:
         intensities = np.zeros(len(rows), np.float32)
         notes.append("the run's sweeps are not at hand: the LiDAR's intensity is 0 everywhere")
-    if name in (None, OWN) and clip is not None:
-        return Lidar(_trace_own(clip, opened), intensities, tuple(notes))
-    pattern = find_sensor(name or OWN)
-    return Lidar(lambda _: pattern, intensities, tuple(notes))
+        return Lidar(lambda _: described or find_sensor(OWN), intensities, None, tuple(notes))
+    with report_span(0.0, 0.3):
+        intensities = learn_intensities(opened, clip)[rows]
+    rig, caster = build_rig([frame.view for frame in clip.frames]), RayCaster(opened)
+    sweeps = clip.training_sweeps
+    place = find_sensor_place(caster, rig, sweeps[len(sweeps) // 2])
+    with report_span(0.3, 1.0):
+        offsets = learn_offsets(caster, rig, sweeps, place)[rows]
+    find = _trace_own(rig, sweeps, place) if described is None else lambda _: described
+    return Lidar(find, intensities, offsets, tuple(notes))
 
 
 def build_sweep_caster(scene: Scene, lidar: Lidar, views: Sequence[CameraView]) -> CastSweep:
@@ -85,7 +94,7 @@ def build_sweep_caster(scene: Scene, lidar: Lidar, views: Sequence[CameraView]) 
         pattern = lidar.find_pattern(moment)
         key = (pattern.near, pattern.far)
         if key not in casters:
-            casters[key] = RayCaster(scene, *key)
+            casters[key] = RayCaster(scene, *key, offsets=lidar.offsets)
         return cast_pattern(casters[key], pattern, rig, moment, lidar.intensities, step)
 
     return cast
@@ -123,11 +132,9 @@ def cast_pattern(
     )
 
 
-def _trace_own(clip: Clip, opened: Scene) -> Callable[[float], Pattern]:
+def _trace_own(rig: Rig, sweeps: Sequence[Sweep], place: Float64[ndarray, "3"]) -> Callable[[float], Pattern]:
     """The pattern of the clip's nearest sweep that may train; the last one is kept."""
-    rig: Rig = build_rig([frame.view for frame in clip.frames])
-    sweeps, kept = clip.training_sweeps, {}
-    place = find_sensor_place(RayCaster(opened), rig, sweeps[len(sweeps) // 2])
+    kept: dict[int, Pattern] = {}
 
     def find(moment: float) -> Pattern:
         nearest = min(sweeps, key=lambda sweep: abs(sweep.time - moment))

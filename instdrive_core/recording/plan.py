@@ -14,6 +14,7 @@ from instdrive_core.datasets.frame_range import build_range_test, describe_steps
 from instdrive_core.errors import OptionError
 from instdrive_core.masks.export.id_maps import choose_views
 from instdrive_core.recording.camera_rig import mount_cameras, read_camera_rig
+from instdrive_core.recording.depth_files import DepthFormat
 from instdrive_core.recording.ego_path import EgoChange, reroute_views
 from instdrive_core.recording.shutter import Shutter
 from instdrive_core.scene.camera import CameraView
@@ -49,6 +50,8 @@ class RecordOptions:
     """How cameras expose their lines; None: all at once."""
     rig: Path | None = None
     """JSON file of the cameras that record; None: the drive's own."""
+    depth_format: DepthFormat = "npz"
+    """How depth in metres is written, beside the pictures in millimetres."""
 
 
 def plan_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:

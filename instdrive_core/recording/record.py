@@ -51,7 +51,7 @@ CONVENTIONS = {
     "visibility": "visible pixels as a share of those of the whole silhouette inside the picture",
     "flow": "pixels right and down to where the surface is in the camera's next picture, hidden there or not",
     "confidence": "share of the weight from splats that at least 2 training photos saw; 255 is all of it",
-    "depth": "along the viewing axis; .png in millimetres (0 = nothing, 65535 = that or farther), .npz in metres",
+    "depth": "along the viewing axis; .png in millimetres (0 = nothing, 65535 = that or more), .npz or .exr in metres",
     "shutter": "where it is named, seconds from the first to the last line; time and pose are those of the middle one",
     "time": "seconds since the clip's first time step",
 }
@@ -85,6 +85,7 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
         "lidar": None if cast_sweep is None else drive.sensor,
         "views": [describe_view(view) for view in views],
         **_describe_shutter(drive),
+        **({} if drive.depth_format == "npz" else {"depth": drive.depth_format}),
     }
     begun = check_folder(folder, plan)
     held = _lock_folder(folder)
@@ -148,7 +149,7 @@ def _record_views(folder: Path, drive: Drive, missing: Sequence[CameraView], thi
     recorder = ViewRecorder(scene, things, groups, classes, drive.exposed, trusted, drive.rolling)
     following = _list_following(views) if drive.flow else {}
     with report_span(_COUNTING if drive.photographed is not None else 0.0, 1.0):
-        _draw_views(folder, recorder, missing, len(views), following)
+        _draw_views(folder, recorder, missing, drive, following)
 
 
 def _find_trusted(drive: Drive) -> Bool[ndarray, " n"] | None:
@@ -175,10 +176,10 @@ def _draw_views(
     folder: Path,
     recorder: ViewRecorder,
     missing: Sequence[CameraView],
-    count: int,
+    drive: Drive,
     following: Mapping[tuple[str, int], CameraView],
 ) -> None:
-    scene = recorder.scene
+    scene, count = recorder.scene, len(drive.views)
     packed = int(scene.instance_ids.max(initial=0)) > np.iinfo(np.uint16).max
     before = count - len(missing)
     with ThreadPoolExecutor(max_workers=1) as pool:
@@ -188,7 +189,7 @@ def _draw_views(
             recorded = recorder.record(view, following.get((view.name, view.index)))
             if waiting is not None:
                 waiting.result()
-            waiting = pool.submit(write_view, folder, recorded, packed)
+            waiting = pool.submit(write_view, folder, recorded, packed, drive.depth_format)
         if waiting is not None:
             waiting.result()
     report(1.0)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy import ndarray
 from PIL import Image, ImageDraw, ImageFont
 
 from instdrive_core.errors import OptionError
@@ -18,6 +17,7 @@ from instdrive_core.filming.video import CODECS, Frame, load_av, open_video
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.progress import report
 from instdrive_core.rasterize.pictures import colorize_depth, measure_depth_range
+from instdrive_core.recording.depth_files import read_depth
 from instdrive_core.recording.folder import name_of_file, read_color, read_id_map, read_manifest
 
 VideoLook = Literal["color", "instances", "depth"]
@@ -114,12 +114,12 @@ def _make_drawer(folder: Path, look: VideoLook, views: Sequence[dict[str, Any]])
             return lambda view: colors_from_ids(read_id_map(folder / _name(view, "instances", ".png")))
         case "depth":
             chosen = views[:: max(1, len(views) // _DEPTH_SAMPLES)]
-            depths = [_read_depth(folder, view) for view in chosen]
+            depths = [read_depth(folder / _name(view, "depth", "")) for view in chosen]
             ranges = [found for each in depths if (found := measure_depth_range(each, each > 0)) is not None]
             ramp = (min(near for near, _ in ranges), max(far for _, far in ranges)) if ranges else (1.0, 1.0)
 
             def draw(view: dict[str, Any]) -> Frame:
-                depth = _read_depth(folder, view)
+                depth = read_depth(folder / _name(view, "depth", ""))
                 return colorize_depth(depth, depth > 0, ramp)
 
             return draw
@@ -127,11 +127,6 @@ def _make_drawer(folder: Path, look: VideoLook, views: Sequence[dict[str, Any]])
 
 def _name(view: dict[str, Any], kind: str, suffix: str) -> str:
     return name_of_file(kind, view["camera"], view["step"], suffix)
-
-
-def _read_depth(folder: Path, view: dict[str, Any]) -> ndarray:
-    with np.load(folder / _name(view, "depth", ".npz")) as content:
-        return content["depth"]
 
 
 def _draw_strip(strip: _Strip, draw: Callable[[dict[str, Any]], Frame]) -> Iterator[Frame]:

@@ -60,7 +60,7 @@ class ServedLidar:
         key = (pattern.near, pattern.far)
         if key not in self.casters:
             self.casters.clear()
-            self.casters[key] = RayCaster(scene, *key)
+            self.casters[key] = RayCaster(scene, *key, offsets=self.lidar.offsets)
         return self.casters[key]
 
 

@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32, Int64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64
 from numpy import ndarray
 
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.scene.scene import Scene, place_in_world
-from instdrive_core.sweeps.kernels import LEAST_ALPHA, fill_tiles, find_tile_ranges, walk_rays, whiten
+from instdrive_core.sweeps.kernels import (
+    HELD,
+    LEAST_ALPHA,
+    fill_tiles,
+    find_tile_ranges,
+    list_meetings,
+    walk_rays,
+    whiten,
+)
 
 _TILE = math.radians(1.5)
-_DRIFT = 0.4
+_DRIFT = 0.6
 """Metres that the sensor may move among rays that are cast together."""
-_SPAN = 0.05
+_SPAN = 0.1
 """Seconds that rays may be apart that are cast together, where things move."""
 _STEP = 0.02
 """Seconds over which the speed of moving things is measured."""
@@ -53,6 +63,34 @@ class Returns:
     """Share of the light that is taken away."""
 
 
+@dataclass(frozen=True)
+class Met:
+    """The splats that each ray meets, near ones first; the rest of a row is empty."""
+
+    depths: Float32[ndarray, "r h"]
+    """Metres."""
+    weights: Float32[ndarray, "r h"]
+    """Share of the light that each takes away; 0 where there is none."""
+    rows: Int32[ndarray, "r h"]
+    """Splats of the scene; -1 where there is none."""
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Splats around a place; those that move as they are at a time."""
+
+    means: Float32[ndarray, "n 3"]
+    matrices: Float32[ndarray, "n 3 3"]
+    velocities: Float32[ndarray, "m 3"]
+    """m/s; none where nothing moves."""
+    reaches: Float32[ndarray, " n"]
+    """Metres from the centre within which each is seen."""
+    moved: Int64[ndarray, " k"]
+    """Those that move."""
+    present: Bool[ndarray, " k"]
+    """Whether they are there."""
+
+
 class RayCaster:
     """Casts rays into a scene at any time; what does not depend on the rays is computed once.
 
@@ -60,9 +98,13 @@ class RayCaster:
         scene: with its tracks; deleted things are not in it.
         near: metres before which nothing returns, such as the car that carries the sensor.
         far: metres beyond which nothing returns.
+        offsets: metres, by splat of the scene, along a ray from where it is densest to the surface that it stands for;
+            None: none is known.
     """
 
-    def __init__(self, scene: Scene, near: float = 1.0, far: float = 200.0) -> None:
+    def __init__(
+        self, scene: Scene, near: float = 1.0, far: float = 200.0, offsets: Float32[ndarray, " n"] | None = None
+    ) -> None:
         gaussians = scene.gaussians
         self.scene, self.near, self.far = scene, near, far
         alphas = sigmoid(gaussians.opacity_logits.astype(np.float64)).astype(np.float32)
@@ -78,6 +120,7 @@ class RayCaster:
         self._log_scales = np.maximum(gaussians.log_scales[self._rows], np.float32(-12))
         self._nodes = scene.nodes[self._rows]
         self._matrices = whiten(self._quats, self._log_scales)
+        self._offsets = np.zeros(len(self._rows), np.float32) if offsets is None else offsets[self._rows]
 
     def with_posed(self, scene: Scene) -> RayCaster:
         """Return a caster into the same Gaussians with other tracks or nodes; nothing is computed again."""
@@ -88,83 +131,105 @@ class RayCaster:
     def cast(self, rays: LidarRays) -> Returns:
         """Cast rays; groups that are near in place and time are cast together."""
         count = len(rays)
-        ranges, rows = np.full(count, np.inf, np.float32), np.full(count, -1, np.int32)
+        ranges, hits = np.full(count, np.inf, np.float32), np.full(count, -1, np.int32)
         opacities = np.zeros(count, np.float32)
-        for group in _split_rays(rays, bool(self._nodes.any())):
-            ranges[group], rows[group], opacities[group] = self._cast_together(rays, group)
-        return Returns(ranges, rows, opacities)
+        for group, arguments in self._prepare_groups(rays):
+            size = len(group)
+            written = np.full(size, np.inf, np.float32), np.full(size, -1, np.int32), np.zeros(size, np.float32)
+            write: Any = walk_rays
+            write(*arguments, *written)
+            ranges[group], hits[group], opacities[group] = written
+        return Returns(ranges, self._name_rows(hits), opacities)
 
-    def _cast_together(
-        self, rays: LidarRays, group: Int64[ndarray, " g"]
-    ) -> tuple[Float32[ndarray, " g"], Int32[ndarray, " g"], Float32[ndarray, " g"]]:
-        time, middle = float(rays.times[group].mean()), rays.origins[group].mean(axis=0)
+    def list_met(self, rays: LidarRays) -> Met:
+        """List all splats that rays meet up to a little behind where half the light is gone."""
+        shape = len(rays), HELD
+        depths, weights = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        rows = np.full(shape, -1, np.int32)
+        for group, arguments in self._prepare_groups(rays):
+            part = len(group), HELD
+            written = np.zeros(part, np.float32), np.zeros(part, np.float32), np.empty(part, np.int32)
+            write: Any = list_meetings
+            write(*arguments, *written)
+            depths[group], weights[group], rows[group] = written
+        return Met(depths, weights, self._name_rows(rows))
+
+    def _name_rows(self, hits: Int32[ndarray, "*s"]) -> Int32[ndarray, "*s"]:
+        """Rows of the scene for those of the caster."""
+        return np.where(hits >= 0, self._rows[np.maximum(hits, 0)] if len(self._rows) else -1, -1).astype(np.int32)
+
+    def _prepare_groups(self, rays: LidarRays) -> Iterator[tuple[Int64[ndarray, " g"], Any]]:
+        """Groups of rays, and for each the arguments of the kernels up to what they write."""
+        if not len(rays):
+            return
+        middle = rays.origins.mean(axis=0)
+        placed = self._place_still(middle)
+        for group in _split_rays(rays, len(placed.moved) > 0):
+            time = float(rays.times[group].mean())
+            self._place_moving(placed, time, middle)
+            yield group, self._bin(placed, rays, group, time, middle)
+
+    def _bin(
+        self, placed: _Placed, rays: LidarRays, group: Int64[ndarray, " g"], time: float, middle: Float64[ndarray, "3"]
+    ) -> Any:
+        """Bin rays and splats into tiles of directions."""
+        here = rays.origins[group].mean(axis=0)
         origins = (rays.origins[group] - middle).astype(np.float32)
         directions = np.ascontiguousarray(rays.directions[group], np.float32)
         delays = (rays.times[group] - time).astype(np.float32)
-        means, matrices, velocities, kept = self._place(time, middle)
-        drift = float(np.linalg.norm(origins, axis=1).max(initial=0))
-        reaches = self._reaches[kept] + np.float32(drift)
-        if len(velocities):
-            reaches += np.linalg.norm(velocities, axis=1) * np.abs(delays).max(initial=0)
+        drift = np.linalg.norm(rays.origins[group] - here, axis=1).max(initial=0)
+        reaches = placed.reaches + np.float32(drift)
+        if len(placed.moved):
+            speeds = np.linalg.norm(placed.velocities[placed.moved], axis=1)
+            reaches[placed.moved] += speeds * np.abs(delays).max(initial=0)
+            reaches[placed.moved[~placed.present]] = -1
         elevations = np.arcsin(np.clip(directions[:, 2], -1, 1))
         azimuths = np.arctan2(directions[:, 1], directions[:, 0]) + np.pi
         lowest = float(elevations.min())
         tiles_up = int((float(elevations.max()) - lowest) / _TILE) + 1
         around = math.ceil(2 * math.pi / _TILE)
-        covered = find_tile_ranges(means, reaches, self.far, lowest, _TILE, tiles_up, around)
         tile_of_ray = (elevations - lowest) // _TILE * around + np.minimum(azimuths // _TILE, around - 1)
         tile_of_ray = np.clip(tile_of_ray.astype(np.int64), 0, tiles_up * around - 1)
         by_tile = np.argsort(tile_of_ray, kind="stable")
         counts = np.bincount(tile_of_ray, minlength=tiles_up * around)
+        shift = (here - middle).astype(np.float32)
+        covered, distances = find_tile_ranges(
+            placed.means, shift, reaches, counts > 0, self.far, lowest, _TILE, tiles_up, around
+        )
         seen = np.flatnonzero(covered[:, 3])
-        distances = np.linalg.norm(means, axis=1)
         order = seen[np.argsort(distances[seen], kind="stable")]
         starts, lists = fill_tiles(order, covered, counts > 0, around)
-        ranges, hits = np.full(len(group), np.inf, np.float32), np.full(len(group), -1, np.int32)
-        opacities = np.zeros(len(group), np.float32)
-        walk_rays(
-            np.r_[0, np.cumsum(counts)].astype(np.int64),
-            by_tile,
-            origins,
-            directions,
-            delays,
-            starts,
-            lists,
-            means,
-            matrices,
-            self._alphas[kept],
-            distances,
-            velocities,
-            self.near,
+        return (
+            np.r_[0, np.cumsum(counts)].astype(np.int64), by_tile, origins, directions, delays, starts, lists,
+            placed.means, placed.matrices, self._alphas, self._offsets, distances, placed.velocities, self.near,
             self.far,
-            ranges,
-            hits,
-            opacities,
-        )
-        rows = np.full(len(group), -1, np.int32)
-        met = hits >= 0
-        rows[met] = self._rows[kept[hits[met]]]
-        return ranges, rows, opacities
+        )  # fmt: skip
 
-    def _place(self, time: float, middle: Float64[ndarray, "3"]) -> tuple[ndarray, ndarray, ndarray, ndarray]:
-        """Means around `middle`, matrices and velocities of the splats that are there at a time, and which they are."""
-        if not self._nodes.any():
-            means = (self._means - middle).astype(np.float32)
-            return means, self._matrices, np.zeros((0, 3), np.float32), np.arange(len(means))
+    def _place_still(self, middle: Float64[ndarray, "3"]) -> _Placed:
+        """All splats around `middle`; room for those that move."""
+        means, moved = (self._means - middle).astype(np.float32), np.flatnonzero(self._nodes)
+        if not len(moved):
+            still = np.zeros((0, 3), np.float32)
+            return _Placed(means, self._matrices, still, self._reaches, moved, np.ones(0, bool))
+        velocities = np.zeros((len(means), 3), np.float32)
+        return _Placed(means, self._matrices.copy(), velocities, self._reaches, moved, np.ones(len(moved), bool))
+
+    def _place_moving(self, placed: _Placed, time: float, middle: Float64[ndarray, "3"]) -> None:
+        """Write means, matrices and velocities of what moves, as it is at a time."""
+        moved = placed.moved
+        if not len(moved):
+            return
         poses, present = self.scene.find_node_poses(time)
-        kept = np.flatnonzero(present[self._nodes])
-        nodes = self._nodes[kept]
-        means, quats = place_in_world(self._means[kept], self._quats[kept], nodes, poses)
-        moved = np.flatnonzero(nodes)
-        matrices = self._matrices[kept]
-        matrices[moved] = whiten(normalize_quaternions(quats[moved]).astype(np.float32), self._log_scales[kept][moved])
+        nodes = self._nodes[moved]
+        placed.present[:] = present[nodes]
+        means, quats = place_in_world(self._means[moved], self._quats[moved], nodes, poses)
+        placed.means[moved] = means - middle
+        placed.matrices[moved] = whiten(normalize_quaternions(quats).astype(np.float32), self._log_scales[moved])
         later, _ = self.scene.find_node_poses(time + _STEP)
         turn = later @ np.linalg.inv(poses)
-        places = means[moved].astype(np.float64)
-        velocities = np.zeros((len(kept), 3), np.float32)
-        after = np.einsum("nij,nj->ni", turn[nodes[moved], :3, :3], places) + turn[nodes[moved], :3, 3]
-        velocities[moved] = (after - places) / _STEP
-        return (means - middle).astype(np.float32), matrices, velocities, kept
+        places = means.astype(np.float64)
+        after = np.einsum("nij,nj->ni", turn[nodes, :3, :3], places) + turn[nodes, :3, 3]
+        placed.velocities[moved] = (after - places) / _STEP
 
 
 def _split_rays(rays: LidarRays, things_move: bool) -> list[Int64[ndarray, " g"]]:

@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.progress import report
 from instdrive_core.scene.scene import Scene, place_in_world
+from instdrive_core.sweeps.offsets import choose_evenly
 
 _NEAR = 0.3
 """Metres between a point and the centre of the splat that it counts for."""
@@ -29,18 +30,17 @@ def learn_intensities(scene: Scene, clip: Clip) -> Float32[ndarray, " n"]:
         clip: whose sweeps have intensities.
     """
     sums, counts = np.zeros(len(scene)), np.zeros(len(scene))
-    sweeps = clip.training_sweeps
-    chosen = np.unique(np.linspace(0, len(sweeps) - 1, _MOST_SWEEPS).round().astype(int)) if sweeps else []
+    chosen = choose_evenly(clip.training_sweeps, _MOST_SWEEPS)
     still = np.flatnonzero(scene.nodes == 0)
     tree = KDTree(scene.gaussians.means[still]) if len(still) else None
     shift = clip.origin - scene.origin
-    for done, number in enumerate(chosen):
-        found = sweeps[number].load()
+    for done, sweep in enumerate(chosen):
+        found = sweep.load()
         points = found.points + shift
         _count_nearest(tree, still, points, found.intensity, sums, counts)
         moved = np.flatnonzero(scene.nodes)
         if len(moved):
-            poses, present = scene.find_node_poses(sweeps[number].time)
+            poses, present = scene.find_node_poses(sweep.time)
             rows = moved[present[scene.nodes[moved]] > 0]
             if len(rows):
                 gaussians = scene.gaussians

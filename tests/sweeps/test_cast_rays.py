@@ -135,3 +135,30 @@ def test_no_rays_and_no_splats_give_no_returns():
     assert len(RayCaster(scene).cast(fan(count=0)).ranges) == 0
     scene.gaussians.means[:] = np.nan
     assert np.isinf(RayCaster(scene).cast(fan(count=5)).ranges).all()
+
+
+def test_splats_that_a_ray_meets_are_listed_from_near_to_far():
+    scene, rays = make_scene([FAR_WALL, NEAR_PANEL], [WALL, PANEL], alpha=0.0), fan()
+    caster = RayCaster(scene)
+    met, found = caster.list_met(rays), caster.cast(rays)
+    there = met.rows >= 0
+    assert there.any(axis=1).all()
+    assert (np.diff(np.where(there, met.depths, np.inf)[:, :4], axis=1) >= 0).all()
+    assert (met.weights[~there] == 0).all()
+    np.testing.assert_allclose(met.weights.sum(axis=1), found.opacities, atol=1e-5)
+
+
+def test_a_return_is_the_mean_of_the_splats_about_it_by_the_light_that_they_take():
+    sheets = [np.array([[x, 0.0, 0]]) for x in (20.0, 20.2, 21.0)]
+    scene = make_scene(sheets, [WALL, WALL, PANEL])
+    scene.gaussians.log_scales[:, 1:] = np.log(np.float32(3))
+    opacities = np.array([0.4, 0.8, 0.9])
+    scene.gaussians.opacity_logits[:] = np.log(opacities / (1 - opacities))
+    rays = fan(count=1)
+    rays.directions[:] = [1, 0, 0]
+    found = RayCaster(scene).cast(rays)
+    taken = np.array([0.4, 0.6 * 0.8])  # the third lies too far behind
+    assert found.ranges[0] == pytest.approx(float(taken @ [20.0, 20.2] / taken.sum()), abs=1e-4)
+    assert found.rows[0] == 1
+    moved = RayCaster(scene, offsets=np.array([0.0, -0.1, 0.0], np.float32)).cast(rays)
+    assert moved.ranges[0] == pytest.approx(float(taken @ [20.0, 20.1] / taken.sum()), abs=1e-4)

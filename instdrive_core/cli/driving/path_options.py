@@ -13,6 +13,7 @@ from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.driving.ways import Template, change_way, drive_instance, park_at
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.json_fields import read_json, require_field, require_number
+from instdrive_core.formats.objects.scenario_ways import is_scenario, read_scenario_way
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.vehicle_path import PathKey
@@ -27,8 +28,9 @@ class PathOptions:
     """Other ways for vehicles."""
 
     path: tuple[str, ...] = ()
-    """Ways as ID=FILE with keys as JSON, or as a change of a mover's own way: ID=lane:METRES@SECOND (left above 0),
-    ID=stop@SECOND, ID=speed:FACTOR@SECOND, ID=turn:DEGREES@SECOND. What stands still starts driving with a file."""
+    """Ways as ID=FILE with keys as JSON, as ID=FILE.xosc or ID=FILE.xosc#ENTITY of OpenSCENARIO, or as a change of a
+    mover's own way: ID=lane:METRES@SECOND (left above 0), ID=stop@SECOND, ID=speed:FACTOR@SECOND,
+    ID=turn:DEGREES@SECOND. What stands still starts driving with a file."""
     park: tuple[str, ...] = ()
     """Movers that are parked where they are at a time, as ID@SECOND."""
 
@@ -65,11 +67,17 @@ def _build_path(text: str, document: Document) -> Edit:
     entry = document.scene.table[check_known_ids([number], document.scene.table)[0]]
     found = _TEMPLATE.fullmatch(value.strip())
     if found is None:
-        return drive_instance(entry, read_way(Path(value)))
+        return drive_instance(entry, _read_keys(value.strip(), entry, document))
     kind, amount, start = _TEMPLATES[found[1]], found[2], float(found[3])
     if (amount is None) != (kind == "stop") or (kind == "speed" and not 0 <= float(amount) <= 10):
         raise OptionError(f"{value!r} in {text!r} is no change of a way; write e.g. {_EXAMPLE}")
     return drive_instance(entry, change_way(_require_track(entry, document), kind, float(amount or 0), start))
+
+
+def _read_keys(value: str, entry: Instance, document: Document) -> tuple[PathKey, ...]:
+    if not is_scenario(value):
+        return read_way(Path(value))
+    return read_scenario_way(value, document.scene.origin, (entry.name, str(entry.id), f"instance {entry.id}"))
 
 
 def _park(text: str, document: Document) -> Edit:

@@ -11,6 +11,7 @@ import tyro
 
 from instdrive_core.cli.share_progress import show_share
 from instdrive_core.progress import report_to
+from instdrive_core.recording.depth_files import DepthFormat, check_depth_format
 from instdrive_core.recording.drive import open_drive
 from instdrive_core.recording.ego_path import parse_ego_change
 from instdrive_core.recording.layouts import write_recorded_layout
@@ -50,6 +51,7 @@ def simulate_drive(
     shift: float | None = None,
     flow: bool = False,
     confidence: bool = False,
+    depth_format: DepthFormat = "npz",
     lidar: str | None = None,
     shutter: str | None = None,
     rig: Path | None = None,
@@ -73,6 +75,8 @@ def simulate_drive(
         shift: Short for --ego shift=METRES.
         flow: Record optical flow, too.
         confidence: Record how far each pixel can be trusted, too; on by itself where the car's way is changed.
+        depth_format: How depth in metres is written, beside the pictures in millimetres: npz (NumPy) or exr (OpenEXR,
+            channel Z).
         lidar: The sensor whose sweeps are recorded, too: own (as the clip's sweeps show it), VLP-16, HDL-64E, OS1-128,
             PANDAR128, a JSON file that describes one, or none. Default: own, where the run's clip has sweeps.
         shutter: Record through a rolling shutter: seconds from a picture's first to its last line, such as 0.03; with
@@ -86,11 +90,13 @@ def simulate_drive(
         expose: Give colours the exposures of the training photos; default: the scene's own colours, as in the editor.
     """
     check_video_request(video)
+    check_depth_format(depth_format)
     changes = tuple(parse_ego_change(text) for text in (*ego, *(() if shift is None else (f"shift={shift:g}",))))
     part = _read_moment(first), _read_moment(last)
     rolling = None if shutter is None else parse_shutter(shutter)
     drive = open_drive(
-        scene, RecordOptions(cameras, *part, width, expose, flow, changes, confidence, lidar, rolling, rig)
+        scene,
+        RecordOptions(cameras, *part, width, expose, flow, changes, confidence, lidar, rolling, rig, depth_format),
     )
     for note in drive.notes:
         print(note)

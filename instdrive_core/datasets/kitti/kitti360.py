@@ -24,7 +24,6 @@ from instdrive_core.datasets.kitti.numbers import (
     require_transform,
 )
 from instdrive_core.datasets.kitti.rig import list_counted_files, list_sweeps
-from instdrive_core.datasets.kitti.tracklets import parse_xml, read_child_text
 from instdrive_core.datasets.photos import read_photo_size
 from instdrive_core.datasets.posed_photos import build_camera
 from instdrive_core.datasets.recorded_clips import build_recorded_clip
@@ -34,12 +33,13 @@ from instdrive_core.datasets.rig_files import (
     invert_pose,
     parse_numbers,
     read_number_text,
-    read_text,
     require_pose,
     require_sizes,
 )
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_value import require_whole_text
+from instdrive_core.files.text_file import read_text
+from instdrive_core.files.xml_file import parse_xml, read_child_text
 from instdrive_core.scene.track import Track
 
 CAMERAS = {"image_00": "data_rect", "image_01": "data_rect", "image_02": "data_rgb", "image_03": "data_rgb"}

@@ -11,8 +11,9 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.recording import Pose
-from instdrive_core.datasets.rig_files import parse_numbers, read_text, require_pose
+from instdrive_core.datasets.rig_files import parse_numbers, require_pose
 from instdrive_core.errors import DataError
+from instdrive_core.files.text_file import read_text
 
 EARTH_RADIUS = 6_378_137.0
 """Metres, as KITTI's devkit projects."""

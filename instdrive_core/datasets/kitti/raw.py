@@ -23,8 +23,9 @@ from instdrive_core.datasets.kitti.rig import COLOR_CAMERAS, KittiRig, list_coun
 from instdrive_core.datasets.kitti.tracklets import read_tracklets
 from instdrive_core.datasets.recorded_clips import build_recorded_clip
 from instdrive_core.datasets.recording import Pose, Recording
-from instdrive_core.datasets.rig_files import invert_pose, parse_numbers, read_text, require_pose
+from instdrive_core.datasets.rig_files import invert_pose, parse_numbers, require_pose
 from instdrive_core.errors import DataError
+from instdrive_core.files.text_file import read_text
 
 _GREY_CAMERAS = ("image_00", "image_01")
 CALIBRATIONS = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt")

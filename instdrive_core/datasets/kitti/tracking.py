@@ -23,9 +23,10 @@ from instdrive_core.datasets.kitti.numbers import (
 from instdrive_core.datasets.kitti.rig import COLOR_CAMERAS, KittiRig, list_counted_files, list_photos, list_sweeps
 from instdrive_core.datasets.recorded_clips import build_recorded_clip
 from instdrive_core.datasets.recording import Pose, Recording
-from instdrive_core.datasets.rig_files import invert_pose, parse_numbers, read_text, require_sizes
+from instdrive_core.datasets.rig_files import invert_pose, parse_numbers, require_sizes
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_value import require_whole_text
+from instdrive_core.files.text_file import read_text
 from instdrive_core.scene.track import Track
 
 STEP_SECONDS = 0.1

@@ -8,31 +8,13 @@ from xml.etree import ElementTree
 import numpy as np
 
 from instdrive_core.datasets.recording import Pose
-from instdrive_core.datasets.rig_files import FORWARD_X, parse_numbers, read_text, require_sizes
+from instdrive_core.datasets.rig_files import FORWARD_X, parse_numbers, require_sizes
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_value import require_whole_text
+from instdrive_core.files.xml_file import parse_xml, read_child_text
 from instdrive_core.scene.track import Track
 
 _REMEDY = "Get the file again"
-
-
-def parse_xml(file: Path) -> ElementTree.Element:
-    """Parse an XML file. Raises DataError where it is damaged, or defines entities, which can grow without end."""
-    text = read_text(file)
-    if "<!ENTITY" in text:
-        raise DataError(file, "defines entities, which no data set does", "Get the file again from a source you trust")
-    try:
-        return ElementTree.fromstring(text.encode())
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an encoding that nobody knows
-        raise DataError(file, f"is no readable XML ({error})", _REMEDY) from error
-
-
-def read_child_text(file: Path, node: ElementTree.Element, name: str, where: str) -> str:
-    """Read the text of a node's child. Raises DataError where there is none."""
-    text = node.findtext(name)
-    if text is None:
-        raise DataError(file, f"the element '{where}/{name}' is missing", _REMEDY)
-    return text.strip()
 
 
 def read_tracklets(file: Path, world_from_velodyne: dict[int, Pose], times: dict[int, float]) -> tuple[Track, ...]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from instdrive_core.datasets.layout_files import (
     encode_jpeg,
@@ -23,6 +25,7 @@ from instdrive_core.maths.rotations import quaternion_from_matrix
 
 VERSION = "v1.0-mini"
 _LIDAR = "LIDAR_TOP"
+_MAP = "maps/blank.png"
 Rows = list[dict[str, Any]]
 
 
@@ -92,11 +95,19 @@ def _write_tables(recording: Recording, folder: Path, tables: str, files: str) -
     _link(samples, "scene_token")
     log = {"token": _token("log"), "logfile": "", "vehicle": "", "date_captured": "", "location": ""}
     written = {"scene": [scene | {"description": ""}], "sample": samples, "sample_data": data, "ego_pose": ego}
-    written |= {"log": [log], "attribute": [], "visibility": [], "map": []}
+    written |= {"log": [log], "attribute": [], "visibility": [], "map": [_write_blank_map(folder)]}
     written |= _describe_rig(recording, names, placed) | _describe_boxes(recording)
     for name, rows in written.items():
         write_json_file(folder / tables / f"{name}.json", rows)
     return folder
+
+
+def _write_blank_map(folder: Path) -> dict[str, Any]:
+    """Write a map on which nothing is drivable, and describe it: nuscenes-devkit opens no data set without one."""
+    packed = io.BytesIO()
+    Image.new("L", (1, 1)).save(packed, "PNG")
+    write_layout_file(folder / _MAP, packed.getvalue())
+    return {"token": _token("map"), "log_tokens": [_token("log")], "category": "semantic_prior", "filename": _MAP}
 
 
 def _token(*parts: object) -> str:
@@ -146,14 +157,18 @@ def _pack_points(sweep: RecordedSweep, world_from_car: Pose) -> bytes:
 
 def _describe_boxes(recording: Recording) -> dict[str, Rows]:
     annotations: Rows = []
+    sweeps = {sweep.step: sweep for sweep in recording.sweeps}
     for step, boxes in sorted(list_boxes(recording).items()):
+        points = sweeps[step].load().points if step in sweeps else np.zeros((0, 3), np.float32)
         for place, track, pose in boxes:
             row = {"token": _token("annotation", place, step), "sample_token": _token("sample", step)}
             row |= {"instance_token": _token("instance", place), "visibility_token": "", "attribute_tokens": []}
+            local = (points - pose[:3, 3]) @ pose[:3, :3]
+            inside = int((np.abs(local) <= track.dimensions / 2).all(axis=1).sum())
             annotations.append(
                 row
                 | _describe_pose(pose @ FORWARD_X.T)
-                | {"size": track.dimensions.tolist(), "num_lidar_pts": 0, "num_radar_pts": 0}
+                | {"size": track.dimensions.tolist(), "num_lidar_pts": inside, "num_radar_pts": 0}
             )
     _link(annotations, "instance_token")
     counts: dict[str, list[str]] = {}

@@ -19,7 +19,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from instdrive_core.files.atomic import write_bytes
-from instdrive_core.formats.objects.scene_objects import SceneObject
+from instdrive_core.formats.objects.scene_objects import SceneObject, choose_unique_names
 from instdrive_core.instances.oriented_box import OrientedBox
 from instdrive_core.scene.scene import Scene
 
@@ -33,7 +33,7 @@ def write_objects_glb(path: Path, scene: Scene, objects: Sequence[SceneObject], 
     shown = trimesh.Scene(
         metadata={"origin": scene.origin.tolist(), "time": time, "axes": f"y up; below the node {ROOT!r} z up"}
     )
-    names = _choose_unique_names(objects)
+    names = choose_unique_names(objects, ("world", ROOT))
     shown.graph.update(ROOT, shown.graph.base_frame, matrix=Y_UP_FROM_Z_UP)
     for entry, name in zip(objects, names, strict=True):
         pose = _build_pose(entry.box)
@@ -79,19 +79,6 @@ def _describe_object(entry: SceneObject) -> dict[str, Any]:
         "size": entry.box.size.tolist(),
         "shape": "box" if entry.hull is None else "hull",
     }
-
-
-def _choose_unique_names(objects: Sequence[SceneObject]) -> list[str]:
-    """Choose the instances' names; one that is empty, taken or reserved gets its ID."""
-    taken, names = {"world", ROOT}, []
-    for entry in objects:
-        instance = entry.instance
-        name = instance.name or f"instance {instance.id}"
-        while name in taken:
-            name = f"{name} ({instance.id})"
-        taken.add(name)
-        names.append(name)
-    return names
 
 
 def _build_pose(box: OrientedBox) -> Float64[ndarray, "4 4"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +82,19 @@ def find_scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[
             )
         )
     return tuple(found)
+
+
+def choose_unique_names(objects: Sequence[SceneObject], reserved: Collection[str] = ()) -> list[str]:
+    """Choose the instances' names; one that is empty, taken or reserved gets its ID."""
+    taken, names = set(reserved), []
+    for entry in objects:
+        instance = entry.instance
+        name = instance.name or f"instance {instance.id}"
+        while name in taken:
+            name = f"{name} ({instance.id})"
+        taken.add(name)
+        names.append(name)
+    return names
 
 
 def _group_rows(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]:

@@ -6,9 +6,9 @@ from small_clip import WHOLE, write_layout
 
 from instdrive_core.datasets.kitti.numbers import format_time, pose_from_oxts, read_named_numbers, read_times
 from instdrive_core.datasets.kitti.tracking import place_camera_box
-from instdrive_core.datasets.kitti.tracklets import parse_xml
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
+from instdrive_core.files.xml_file import parse_xml
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from small_clip import WHOLE, write_layout
 
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError, UntrustedDataError
+from instdrive_core.maths.rotations import matrix_from_quaternion
 
 
 @pytest.fixture
@@ -92,6 +93,32 @@ def test_missing_files_are_counted(root):
     shutil.rmtree(root / "samples")
     with pytest.raises(DataError, match="holds no photo of the scene"):
         load_clip(str(root), WHOLE)
+
+
+def test_there_is_a_map_and_boxes_tell_their_points(root):
+    """As nuscenes-devkit wants it: `benchmarks.devkits` lets that open a recording."""
+
+    def read(name):
+        return json.loads((tables(root) / f"{name}.json").read_text())
+
+    (blank,), (log,) = read("map"), read("log")
+    assert blank["log_tokens"] == [log["token"]]
+    assert (root / blank["filename"]).is_file()
+    cars = {row["token"]: row for row in read("ego_pose")}
+    sweeps = {row["sample_token"]: row for row in read("sample_data") if row["filename"].endswith(".bin")}
+    rows = read("sample_annotation")
+    assert sum(row["num_lidar_pts"] for row in rows) > 0
+    for row in rows:
+        sweep = sweeps.get(row["sample_token"])
+        points = np.zeros((0, 3))
+        if sweep is not None:
+            car = cars[sweep["ego_pose_token"]]
+            points = np.fromfile(root / sweep["filename"], "<f4").reshape(-1, 5)[:, :3]
+            points = points @ matrix_from_quaternion(np.array(car["rotation"])).T + car["translation"]
+        local = (points - row["translation"]) @ matrix_from_quaternion(np.array(row["rotation"]))
+        half = np.array(row["size"])[[1, 0, 2]] / 2  # length is along x
+        sure, near = ((np.abs(local) <= half + slack).all(axis=1).sum() for slack in (-0.01, 0.01))
+        assert sure <= row["num_lidar_pts"] <= near
 
 
 def test_lens_distortion_of_t4_is_in_the_order_of_opencv(t4):
