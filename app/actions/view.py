@@ -95,8 +95,52 @@ def list_actions(session: EditorSession) -> list[Action]:
         _create_switch(session, "view.plain_solo", "Plain backdrop when shown alone", "plain_solo", "ICON_FA_SQUARE"),
         _create_switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
         _create_switch(session, "view.grid", "Grid on the ground", "show_grid", "ICON_FA_BORDER_ALL", key="Shift+G"),
+        *_list_cameras(session),
         _create_switch(
             session, "view.above_ground", "Orbit above the ground only", "stay_above_ground", "ICON_FA_ROAD"
+        ),
+    ]
+
+
+def _list_cameras(session: EditorSession) -> list[Action]:
+    """List the switches that draw the clip's cameras where they stood."""
+    state, words = session.state, ("frusta", "frustum", "rig", "ego", "trajectory", "poses", "photos")
+
+    def has_cameras() -> bool:
+        return session.document is not None and bool(session.document.scene.views)
+
+    def toggle() -> None:
+        state.show_cameras = not state.show_cameras
+
+    def toggle_all() -> None:
+        state.show_all_cameras = not (state.show_cameras and state.show_all_cameras)
+        state.show_cameras = True
+
+    needs = "The scene has no cameras"
+    return [
+        Action(
+            "view.cameras",
+            "Cameras of the clip",
+            toggle,
+            "View",
+            ("Alt+C",),
+            enabled=has_cameras,
+            checked=lambda: state.show_cameras,
+            icon="ICON_FA_CAMERA",
+            words=words,
+            needs=needs,
+        ),
+        Action(
+            "view.all_cameras",
+            "Cameras of all moments",
+            toggle_all,
+            "View",
+            ("Alt+Shift+C",),
+            enabled=has_cameras,
+            checked=lambda: state.show_cameras and state.show_all_cameras,
+            icon="ICON_FA_CAMERA_RETRO",
+            words=words,
+            needs=needs,
         ),
     ]
 

@@ -36,6 +36,7 @@ from instdrive_app.session.selection_controller import SelectionController
 from instdrive_app.session.shape.completion_controller import CompletionController
 from instdrive_app.session.showing.path_controller import PathController
 from instdrive_app.session.showing.photo_difference import PhotoDifference
+from instdrive_app.session.showing.shown_cameras import ShownCameras
 from instdrive_app.session.turn_controller import TurnController
 from instdrive_app.session.value_filter import ValueFilter
 from instdrive_app.session.view_memory import restore_view
@@ -77,6 +78,7 @@ class EditorSession:
         self.recorder = DriveRecorder(context, self.files)
         self.navigation = Navigation(context)
         self.camera_path = PathController(context, self.navigation)
+        self.cameras = ShownCameras(context, self.navigation)
         self.references = ReferencePictures(self.messages.error, self.wake)
         self.difference = PhotoDifference(context)
 
@@ -109,7 +111,7 @@ class EditorSession:
         self.aids.forget()
         self.camera_path.forget()
         self.files.enter(document, path, saved)
-        self.state.hovered = 0
+        self.state.hovered, self.state.hovered_camera = 0, None
         self.references.forget()
         self.navigation.enter(document)
         name = path.name if path else phrase("the scene")

@@ -63,6 +63,11 @@ def describe_window(ui: Ui) -> dict[str, Any]:
             "psnr": session.difference.psnr,
         },
         "hovered": session.state.hovered,
+        "cameras": {
+            "shown": list(session.cameras.list_shown()),
+            "hovered": session.state.hovered_camera,
+            "looked_through": session.state.dataset_view,
+        },
         "tool": session.state.tool,
         "box": session.aids.box.box and [*session.aids.box.box.center.tolist(), *session.aids.box.box.size.tolist()],
         "measured": session.aids.ruler.describe(),

@@ -6,6 +6,7 @@ from instdrive_app.panels.overlays import Handles, Overlay, OverlayRecord
 from instdrive_app.panels.overlays.box import BoxOverlay
 from instdrive_app.panels.overlays.brush_ring import BrushRing
 from instdrive_app.panels.overlays.camera_tag import CameraTag
+from instdrive_app.panels.overlays.cameras import CamerasOverlay
 from instdrive_app.panels.overlays.deletion import DeletionOverlay
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
 from instdrive_app.panels.overlays.first_picture import FirstPictureNotice
@@ -26,6 +27,7 @@ BELOW_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
     OverlayRecord("Photo and masks", "ICON_FA_IMAGE", ReferenceOverlay),
     OverlayRecord("Notice of the first picture", "ICON_FA_HOURGLASS_HALF", FirstPictureNotice),
     OverlayRecord("Grid on the ground", "ICON_FA_BORDER_ALL", GridOverlay),
+    OverlayRecord("Cameras of the clip", "ICON_FA_CAMERA", CamerasOverlay),
     OverlayRecord("Box", "ICON_FA_CUBE", BoxOverlay),
     OverlayRecord("Measured line", "ICON_FA_RULER_COMBINED", RulerOverlay),
     OverlayRecord("Review of a deletion", "ICON_FA_BROOM", DeletionOverlay),
