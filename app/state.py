@@ -189,6 +189,8 @@ class EditorState:
     """Whether the photos' cameras are drawn where they stood at the shown time."""
     show_all_cameras: bool = False
     """Whether that is done for all moments at once."""
+    map_fits: int = 0
+    """How often the map was asked to show everything."""
     hovered_camera: int | None = None
     """Index of the view whose drawn camera is under the mouse."""
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ShowPanel
 from instdrive_app.state import ViewMode
 
 VIEW_MODE_ICONS = {
@@ -34,6 +35,10 @@ def list_actions(session: EditorSession) -> list[Action]:
 
     def is_shown(mode: ViewMode) -> Callable[[], bool]:
         return lambda: session.state.view_mode is mode
+
+    def fit_map() -> None:
+        session.state.map_fits += 1
+        session.requests.put(ShowPanel("Map"))
 
     modes = [
         Action(
@@ -90,6 +95,15 @@ def list_actions(session: EditorSession) -> list[Action]:
             enabled=lambda: session.document is not None,
             icon="ICON_FA_DOVE",
             words=("camera", "top", "map"),
+        ),
+        Action(
+            "map.frame",
+            "Show everything in the map",
+            fit_map,
+            "View",
+            enabled=lambda: session.document is not None,
+            icon="ICON_FA_MAP_LOCATION_DOT",
+            words=("map", "bird's eye", "plan", "top view", "overview"),
         ),
         _create_switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
         _create_switch(session, "view.plain_solo", "Plain backdrop when shown alone", "plain_solo", "ICON_FA_SQUARE"),

@@ -12,6 +12,7 @@ from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector.panel import InspectorPanel
 from instdrive_app.panels.instances.panel import InstancesPanel
 from instdrive_app.panels.log import LogPanel
+from instdrive_app.panels.map.panel import MapPanel
 from instdrive_app.panels.runs import RunsPanel
 from instdrive_app.panels.timeline import TimelinePanel
 from instdrive_app.panels.training import TrainingPanel
@@ -43,6 +44,8 @@ class PanelRecord:
     """Whether it is open until the user decides otherwise."""
     fills_window: bool = False
     """Whether it is drawn without padding, and is always there: then the Window menu does not list it."""
+    shortcut: str = ""
+    """Key that brings it to the front; empty: by its place in the Window menu, Alt+1 and so on, as far as they go."""
 
 
 PANELS = (
@@ -57,5 +60,6 @@ PANELS = (
     PanelRecord("Training", "ICON_FA_CHART_LINE", "RightBottom", TrainingPanel, shown=False),
     PanelRecord("Runs", "ICON_FA_SCALE_BALANCED", "RightBottom", RunsPanel, shown=False),
     PanelRecord("Camera path", "ICON_FA_CLAPPERBOARD", "Bottom", CameraPathPanel, shown=False),
+    PanelRecord("Map", "ICON_FA_MAP", "Beside", MapPanel, shown=False, shortcut="Alt+M"),
 )
 """The panels, in the order of their tabs."""

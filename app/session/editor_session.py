@@ -27,6 +27,7 @@ from instdrive_app.session.light.shadow_controller import ShadowController
 from instdrive_app.session.making.drive_recorder import DriveRecorder
 from instdrive_app.session.making.job_controller import JobController
 from instdrive_app.session.making.run_comparison import RunComparison
+from instdrive_app.session.mapping.map_painter import MapPainter
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.navigation import Navigation
 from instdrive_app.session.placing.overlap_controller import OverlapController
@@ -81,6 +82,7 @@ class EditorSession:
         self.cameras = ShownCameras(context, self.navigation)
         self.references = ReferencePictures(self.messages.error, self.wake)
         self.difference = PhotoDifference(context)
+        self.map = MapPainter(context)
 
         self.selection = SelectionController(context)
         self.filter = ValueFilter(context)
@@ -189,6 +191,7 @@ class EditorSession:
         self.camera_path.tick(seconds)
         self.difference.tick(seconds, self.state.compares and self.state.comparison is Comparison.ERROR)
         self.shadows.tick(seconds, self.movement.drag is not None)
+        self.map.begin_frame()
         self._overlaps.tick(seconds, self.movement.drag is not None)
         self.deletion.review.tick(seconds, self.movement.drag is not None)
         self.state.is_solo = bool(self.visibility.solo.ids)
@@ -215,5 +218,6 @@ class EditorSession:
         self.recorder.close()
         self.jobs.close()
         self.references.close()
+        self.map.close()
         if by_choice:
             self.files.autosave.end()

@@ -69,6 +69,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
             "looked_through": session.state.dataset_view,
         },
         "tool": session.state.tool,
+        "map": session.map.window and {**asdict(session.map.window), "painted": not session.map.is_painting},
         "box": session.aids.box.box and [*session.aids.box.box.center.tolist(), *session.aids.box.box.size.tolist()],
         "measured": session.aids.ruler.describe(),
         "bookmarks": [kept.name for kept in session.aids.bookmarks.kept],

@@ -44,8 +44,7 @@ class CamerasOverlay:
             apex = pen.project(frustum[0])
             if apex is not None:
                 draw.add_circle_filled(ImVec2(*apex), scale_pixels(DOT), color)
-                reach = scale_pixels(DOT)
-                ui.marks[f"camera.{index}"] = (apex[0] - reach, apex[1] - reach, apex[0] + reach, apex[1] + reach)
+                ui.mark_spot(f"gizmo.camera.{index}", apex, DOT, place)
         draw.pop_clip_rect()
         self._draw_label(ui, place)
 
@@ -74,7 +73,7 @@ class CamerasOverlay:
         low, high = ImVec2(left - pad, top - pad), ImVec2(left + size.x + pad, top + size.y + pad)
         draw.add_rect_filled(low, high, pack_color(PICTURE_SHADE, 0.9), scale_pixels(4))
         draw.add_text(ImVec2(left, top), pack_color(PICTURE_TEXT), text)
-        ui.marks["viewport.camera_label"] = (low.x, low.y, high.x, high.y)
+        ui.marks["gizmo.camera_label"] = (low.x, low.y, high.x, high.y)
 
 
 def _draw_edges(frustum: Float64[ndarray, "5 3"], pen: WorldPen, color: int) -> None:

@@ -11,9 +11,9 @@ from numpy import ndarray
 
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.navigation import Navigation
-from instdrive_core.edits.document.document import Document
 from instdrive_core.recording.ego_path import find_ego_way
 from instdrive_core.scene.camera import Camera, CameraView
+from instdrive_core.scene.track import Track
 
 MOST_MOMENTS = 40
 """Moments whose cameras are shown where all are: of more, evenly chosen ones."""
@@ -36,6 +36,7 @@ class ShownCameras:
     def __init__(self, context: SessionContext, navigation: Navigation) -> None:
         self._context, self._navigation = context, navigation
         self._depth: tuple[object, float] = (None, LONE_DEPTH)
+        self._track: tuple[object, Track | None] = (None, None)
         self._way: tuple[object, Float64[ndarray, "n 3"] | None] = (None, None)
 
     def list_shown(self) -> tuple[int, ...]:
@@ -73,6 +74,25 @@ class ShownCameras:
         ]
         return min(found)[1] if found else None
 
+    def trace_way(self) -> Float64[ndarray, "n 3"] | None:
+        """Trace the way of the recording car (metres, at its cameras' height); None where the photos are no drive."""
+        track = self._find_track()
+        return None if track is None else thin_way(track)
+
+    def find_car(self, time: float) -> Float64[ndarray, "4 4"] | None:
+        """Find world_from_car at a time (seconds): x right, y forward, z up; None where the photos are no drive."""
+        track = self._find_track()
+        return None if track is None else track.interpolate_pose(time)
+
+    def _find_track(self) -> Track | None:
+        document = self._context.document
+        if document is None:
+            return None
+        key = (ref(document), document.versions.surroundings)
+        if self._track[0] != key:
+            self._track = (key, find_drive(document.scene.views))
+        return self._track[1]
+
     def find_way(self) -> Float64[ndarray, "n 3"] | None:
         """Find the way of the recording car on the ground (metres); None where the photos are no drive."""
         document = self._context.document
@@ -80,11 +100,11 @@ class ShownCameras:
             return None
         key = (ref(document), document.versions.surroundings, document.versions.geometry)
         if self._way[0] != key:
-            self._way = (key, self._put_on_ground(document))
+            self._way = (key, self._put_on_ground())
         return self._way[1]
 
-    def _put_on_ground(self, document: Document) -> Float64[ndarray, "n 3"] | None:
-        way = trace_ego_way(document.scene.views)
+    def _put_on_ground(self) -> Float64[ndarray, "n 3"] | None:
+        way = self.trace_way()
         if way is None:
             return None
         heights = [self._navigation.find_ground_height(place) for place in way]
@@ -147,14 +167,19 @@ def _holds(face: Float64[ndarray, "k 2"], x: float, y: float) -> bool:
     return bool((turns >= 0).all() or (turns <= 0).all())
 
 
-def trace_ego_way(views: Sequence[CameraView]) -> Float64[ndarray, "n 3"] | None:
-    """Trace the way of the camera with the most photos (metres, at its height); None where photos follow no way."""
+def find_drive(views: Sequence[CameraView]) -> Track | None:
+    """Find the way of the recording car from the camera with the most photos; None where photos follow no way."""
     if len({view.time for view in views}) < 2:
         return None
-    way = find_ego_way(views).world_from_box[:, :3, 3]
+    track = find_ego_way(views)
+    way = track.world_from_box[:, :3, 3]
     extent = float(np.linalg.norm(np.ptp(way, axis=0)))
     steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
-    if extent < 1e-6 or (len(way) > 4 and float(steps.mean()) > LONGEST_STEP * extent):
-        return None
-    rows = np.unique(np.linspace(0, len(way) - 1, min(len(way), MOST_WAY_POINTS)).round().astype(int))
-    return way[rows].copy()
+    is_scattered = len(way) > 4 and float(steps.mean()) > LONGEST_STEP * extent
+    return None if extent < 1e-6 or is_scattered else track
+
+
+def thin_way(track: Track) -> Float64[ndarray, "n 3"]:
+    """Thin the places of a track (metres) to a few that show its way."""
+    way = track.world_from_box[:, :3, 3]
+    return way[np.unique(np.linspace(0, len(way) - 1, min(len(way), MOST_WAY_POINTS)).round().astype(int))].copy()

@@ -11,7 +11,8 @@ from instdrive_app.session.showing.shown_cameras import (
     choose_depth,
     choose_moments,
     choose_present,
-    trace_ego_way,
+    find_drive,
+    thin_way,
 )
 from instdrive_core.scene.camera import Camera, CameraView, look_at
 
@@ -61,13 +62,14 @@ def drive(places):
 
 def test_the_way_is_that_of_a_drive_and_not_of_scattered_photos():
     places = np.stack([np.linspace(0, 80, 300), np.zeros(300), np.full(300, 1.5)], axis=1)
-    way = trace_ego_way(drive(places))
-    assert way is not None
+    track = find_drive(drive(places))
+    assert track is not None
+    way = thin_way(track)
     assert np.allclose(way[[0, -1]], places[[0, -1]])
     assert len(way) < 300
     scattered = np.random.default_rng(1).uniform(-10, 10, (200, 3))
-    assert trace_ego_way(drive(scattered)) is None
-    assert trace_ego_way(drive(places[:1])) is None
+    assert find_drive(drive(scattered)) is None
+    assert find_drive(drive(places[:1])) is None
 
 
 def test_sizes_follow_the_scene_and_many_moments_are_thinned():

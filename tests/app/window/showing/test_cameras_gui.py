@@ -16,10 +16,10 @@ def test_cameras_are_shown_named_and_looked_through(window):
     window.wait_for(lambda state: len(state["cameras"]["shown"]) == 8, "the cameras of all moments")
     window.key("alt+shift+c")
     window.wait_for(lambda state: len(state["cameras"]["shown"]) == 2, "those of the moment again")
-    x, y = window.wait_for_widget(f"camera.{index}")
+    x, y = window.wait_for_widget(f"gizmo.camera.{index}")
     window.move(x, y)
     window.wait_for(lambda state: state["cameras"]["hovered"] == index, "the camera under the mouse")
-    window.wait_for_rect("viewport.camera_label")
+    window.wait_for_rect("gizmo.camera_label")
     window.click(x, y)
     state = window.wait_for(lambda state: state["cameras"]["looked_through"] == index, "the view of that camera")
     assert not state["selected"], "the click was for the camera"
