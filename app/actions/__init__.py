@@ -24,6 +24,7 @@ from instdrive_app.actions import (
     time_steps,
     tools,
     view,
+    ways,
 )
 from instdrive_app.session.editor_session import EditorSession
 
@@ -35,6 +36,7 @@ TOPICS = (
     tools,
     aids,
     move,
+    ways,
     view,
     pictures,
     deletion_review,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from instdrive_app.panels.camera_path import CameraPathPanel
+from instdrive_app.panels.driving.way_panel import WayPanel
 from instdrive_app.panels.filter import FilterPanel
 from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector.panel import InspectorPanel
@@ -61,5 +62,6 @@ PANELS = (
     PanelRecord("Runs", "ICON_FA_SCALE_BALANCED", "RightBottom", RunsPanel, shown=False),
     PanelRecord("Camera path", "ICON_FA_CLAPPERBOARD", "Bottom", CameraPathPanel, shown=False),
     PanelRecord("Map", "ICON_FA_MAP", "Beside", MapPanel, shown=False, shortcut="Alt+M"),
+    PanelRecord("Way", "ICON_FA_ROUTE", "RightBottom", WayPanel, shown=False),
 )
 """The panels, in the order of their tabs."""

@@ -17,6 +17,7 @@ from instdrive_app.session.bounds_updater import BoundsUpdater
 from instdrive_app.session.color_controller import ColorController
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.deletion_controller import DeletionController
+from instdrive_app.session.driving.path_editor import PathEditor
 from instdrive_app.session.export_controller import ExportController
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_app.session.files.opening import OpenedDocument
@@ -90,6 +91,7 @@ class EditorSession:
         self.colors = ColorController(context)
         self.labels = LabelController(context)
         self.movement = MoveController(context)
+        self.ways = PathEditor(context)
         self.shadows = ShadowController(context, self.movement.options)
         self._overlaps = OverlapController(context)
         self.completion = CompletionController(context)

@@ -68,3 +68,7 @@ class MapLayer(Protocol):
     def release(self, ui: Ui, canvas: MapCanvas, is_moved: bool) -> None:
         """End the press that was taken."""
         ...
+
+    def click(self, ui: Ui, canvas: MapCanvas, thing: int) -> bool:
+        """Take a click of a press that was not taken; `thing` is the instance there, 0 for none. Returns whether."""
+        ...

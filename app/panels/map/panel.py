@@ -12,6 +12,7 @@ from numpy import ndarray
 from instdrive_app.language.translation import translate
 from instdrive_app.panels.map.canvas import MapCanvas, MapLayer
 from instdrive_app.panels.map.things import draw_movers, draw_view, draw_way
+from instdrive_app.panels.map.way_layer import WayLayer
 from instdrive_app.panels.widgets.theme import look_up, pack_color
 from instdrive_app.panels.widgets.ui import (
     Rectangle,
@@ -47,7 +48,8 @@ class MapPanel:
     def __init__(self) -> None:
         self._window: MapWindow | None = None
         self._document: ref[Document] | None = None
-        self._layers: tuple[MapLayer, ...] = ()
+        self._layers: tuple[MapLayer, ...] = (WayLayer(),)
+        """The first one is on top and gets the mouse first."""
         self._held: MapLayer | None = None
         """The layer that has taken the present press."""
         self._pressed = (0.0, 0.0)
@@ -165,6 +167,8 @@ class MapPanel:
             ui.session.navigation.go_to_place(*canvas.find_mouse())
             return
         found = self._find_thing(ui, canvas, things)
+        if any(layer.click(ui, canvas, found) for layer in self._layers):
+            return
         ui.session.selection.select((found,) if found else (), choose_selection_mode(io.key_shift, io.key_ctrl))
 
     def _find_thing(self, ui: Ui, canvas: MapCanvas, things: tuple[MapThing, ...]) -> int:

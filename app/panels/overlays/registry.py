@@ -15,6 +15,7 @@ from instdrive_app.panels.overlays.gizmo import Gizmo
 from instdrive_app.panels.overlays.ground_grid import GridOverlay
 from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
+from instdrive_app.panels.overlays.path_keys import PathKeysOverlay
 from instdrive_app.panels.overlays.reference import ReferenceOverlay
 from instdrive_app.panels.overlays.region_outline import RegionOutline
 from instdrive_app.panels.overlays.ruler import RulerOverlay
@@ -29,6 +30,7 @@ BELOW_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
     OverlayRecord("Grid on the ground", "ICON_FA_BORDER_ALL", GridOverlay),
     OverlayRecord("Cameras of the clip", "ICON_FA_CAMERA", CamerasOverlay),
     OverlayRecord("Box", "ICON_FA_CUBE", BoxOverlay),
+    OverlayRecord("Keys of a way", "ICON_FA_ROUTE", PathKeysOverlay),
     OverlayRecord("Measured line", "ICON_FA_RULER_COMBINED", RulerOverlay),
     OverlayRecord("Review of a deletion", "ICON_FA_BROOM", DeletionOverlay),
 )
