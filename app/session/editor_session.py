@@ -17,6 +17,7 @@ from instdrive_app.session.bounds_updater import BoundsUpdater
 from instdrive_app.session.color_controller import ColorController
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.deletion_controller import DeletionController
+from instdrive_app.session.driving.ego_way import EgoWay
 from instdrive_app.session.driving.path_editor import PathEditor
 from instdrive_app.session.export_controller import ExportController
 from instdrive_app.session.files.document_files import DocumentFiles
@@ -77,7 +78,8 @@ class EditorSession:
         self.comparison = RunComparison(context, self.making.known, self.files.recents)
         self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)
-        self.recorder = DriveRecorder(context, self.files)
+        self.ego_way = EgoWay()
+        self.recorder = DriveRecorder(context, self.files, self.ego_way)
         self.navigation = Navigation(context)
         self.camera_path = PathController(context, self.navigation)
         self.cameras = ShownCameras(context, self.navigation)
@@ -114,6 +116,7 @@ class EditorSession:
         self.history.enter(document)
         self.aids.forget()
         self.camera_path.forget()
+        self.ego_way.forget()
         self.files.enter(document, path, saved)
         self.state.hovered, self.state.hovered_camera = 0, None
         self.references.forget()
@@ -137,6 +140,7 @@ class EditorSession:
             self.navigation.keep_start()
             self.aids.bookmarks.restore(opened.view.get("bookmarks"))
             self.camera_path.restore(opened.view.get(FIELD))
+            self.ego_way.restore(opened.view.get("ego_way"))
         for note in opened.notes:
             self.messages.info(note)
         if opened.document.history.done:
@@ -152,17 +156,19 @@ class EditorSession:
             "pending": self.deletion.review.store(),
             "bookmarks": self.aids.bookmarks.store(),
             FIELD: self.camera_path.store(),
+            "ego_way": self.ego_way.store(),
         }
 
     def _get_more_version(self) -> int:
         """Rises with every change of that by the user."""
-        return self.aids.bookmarks.version + self.camera_path.version
+        return self.aids.bookmarks.version + self.camera_path.version + self.ego_way.version
 
     def _follow_turn(self, change: Similarity) -> None:
         """Take along what knows places, after the whole scene was transformed by [s R | t]."""
         self.deletion.review.clear_all()
         self.aids.follow_scene(change)
         self.camera_path.follow_scene(change)
+        self.ego_way.follow_scene(change)
 
     def undo(self) -> None:
         """Undo one step: of the camera path where that was changed last, else of the scene."""

@@ -71,6 +71,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         "tool": session.state.tool,
         "map": session.map.window and {**asdict(session.map.window), "painted": not session.map.is_painting},
         "way_keys": [[round(value, 3) for value in (key.time, key.x, key.y)] for key in session.ways.keys],
+        "ego_way": [[round(value, 3) for value in place] for place in session.ego_way.places],
         "box": session.aids.box.box and [*session.aids.box.box.center.tolist(), *session.aids.box.box.size.tolist()],
         "measured": session.aids.ruler.describe(),
         "bookmarks": [kept.name for kept in session.aids.bookmarks.kept],

@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from instdrive_app.language.translation import translate
 from instdrive_app.panels.map.canvas import MapCanvas, MapLayer
+from instdrive_app.panels.map.ego_layer import EgoLayer
 from instdrive_app.panels.map.things import draw_movers, draw_view, draw_way
 from instdrive_app.panels.map.way_layer import WayLayer
 from instdrive_app.panels.widgets.theme import look_up, pack_color
@@ -48,7 +49,7 @@ class MapPanel:
     def __init__(self) -> None:
         self._window: MapWindow | None = None
         self._document: ref[Document] | None = None
-        self._layers: tuple[MapLayer, ...] = (WayLayer(),)
+        self._layers: tuple[MapLayer, ...] = (EgoLayer(), WayLayer())
         """The first one is on top and gets the mouse first."""
         self._held: MapLayer | None = None
         """The layer that has taken the present press."""
@@ -96,9 +97,16 @@ class MapPanel:
     def _draw_head(self, ui: Ui, things: tuple[MapThing, ...]) -> None:
         draw_action_button(ui, ui.session.actions["map.frame"], scale_size(30, 0))
         imgui.same_line()
-        moving = sum(len(thing.path) > 0 for thing in things)
         way = ui.session.cameras.trace_way()
-        if moving:
+        if way is not None:
+            names = ("ego.draw", "ego.drop_last", "ego.clear") if ui.session.ego_way.is_drawing else ("ego.draw",)
+            for name in names:
+                draw_action_button(ui, ui.session.actions[name], scale_size(30, 0))
+                imgui.same_line()
+        moving = sum(len(thing.path) > 0 for thing in things)
+        if ui.session.ego_way.is_drawing:
+            text = phrase("Click to set places")
+        elif moving:
             text = count_phrase(moving, "{count} moving thing", "{count} moving things")
         elif way is None:
             text = phrase("No tracks and no drive: just the picture")

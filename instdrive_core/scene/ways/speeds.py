@@ -12,7 +12,7 @@ from numpy import ndarray
 from instdrive_core.scene.vehicle_path import PathKey, sample_path
 from instdrive_core.scene.ways.way_keys import thin_samples
 
-FASTEST = 60.0
+MOST_SPEED = 60.0
 """m/s that a vehicle may drive."""
 STEP = 0.05
 """Seconds between the samples by which speeds are added up."""
@@ -57,7 +57,7 @@ def drive_at_speeds(
     lines = [
         np.interp(times, [point.time for point in line], [point.speed for point in line]) for line in (before, after)
     ]
-    wanted = np.clip(sample_speeds(keys, times) + lines[1] - lines[0], 0.0, FASTEST)
+    wanted = np.clip(sample_speeds(keys, times) + lines[1] - lines[0], 0.0, MOST_SPEED)
     wanted[lines[1] <= _STANDS] = 0.0
     gone = np.r_[0.0, np.cumsum((wanted[1:] + wanted[:-1]) / 2 * np.diff(times))]
     places = sample_path(keys, times).places
@@ -75,5 +75,5 @@ def move_point(points: tuple[SpeedPoint, ...], index: int, time: float, speed: f
         time = min(max(time, points[index - 1].time + STEP), points[index + 1].time - STEP)
     else:
         time = own.time
-    moved = SpeedPoint(time, min(max(speed, 0.0), FASTEST))
+    moved = SpeedPoint(time, min(max(speed, 0.0), MOST_SPEED))
     return (*points[:index], moved, *points[index + 1 :])
