@@ -21,6 +21,8 @@ STEEPEST = 0.99
 """Largest |vertical part| of the viewing direction that a drag can tilt to."""
 _MOST_RAISED, _RAISING_STEPS = 1.0, 8
 """Radians by which an orbit is raised at most to stay above the floor, and how finely that is tried."""
+GROUND_DISTANCES, GROUND_SLOPES = (5.0, 30.0), (0.2, 0.9)
+"""Metres from which a place of the ground is looked at, and how steeply: the vertical part of the viewing direction."""
 NEAREST_PIVOT, FARTHEST_PIVOT = 0.3, 2000.0
 
 
@@ -117,6 +119,17 @@ def frame_points(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoi
     """Frame the box of most of the points (at least one), so that stray splats do not push the camera away."""
     low, high = np.percentile(points, [2, 98], axis=0)
     return frame_box(viewpoint, low, high)
+
+
+def look_at_ground(viewpoint: Viewpoint, place: Float[ndarray, "3"]) -> Viewpoint:
+    """Look down at a place of the ground, from behind it as the view goes now, as far away as the pivot is now."""
+    distance = float(np.clip(viewpoint.pivot_distance, *GROUND_DISTANCES))
+    forward = viewpoint.forward[:2]
+    level = float(np.hypot(*forward))
+    ahead = forward / level if level > 0.1 else -viewpoint.world_from_camera[:2, 1]  # straight down: up the picture
+    slope = float(np.clip(-viewpoint.forward[2], *GROUND_SLOPES))
+    back = distance * np.array([*(-ahead * np.sqrt(1 - slope**2)), slope])
+    return replace(viewpoint, world_from_camera=look_at(place + back, place), pivot_distance=distance)
 
 
 def look_straight_down(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:

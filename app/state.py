@@ -186,7 +186,13 @@ class EditorState:
     wipe: float = 0.5
     """Share of the film's width, from the left, that a wipe shows of the photo or the masks."""
     show_cameras: bool = False
-    """Whether the photos' cameras are drawn where they stood."""
+    """Whether the photos' cameras are drawn where they stood at the shown time."""
+    show_all_cameras: bool = False
+    """Whether that is done for all moments at once."""
+    map_fits: int = 0
+    """How often the map was asked to show everything."""
+    hovered_camera: int | None = None
+    """Index of the view whose drawn camera is under the mouse."""
 
     @property
     def compares(self) -> bool:

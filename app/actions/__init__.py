@@ -14,6 +14,7 @@ from instdrive_app.actions import (
     camera_path,
     deletion_review,
     edit,
+    ego_way,
     file,
     help,
     labels,
@@ -24,6 +25,7 @@ from instdrive_app.actions import (
     time_steps,
     tools,
     view,
+    ways,
 )
 from instdrive_app.session.editor_session import EditorSession
 
@@ -35,6 +37,8 @@ TOPICS = (
     tools,
     aids,
     move,
+    ways,
+    ego_way,
     view,
     pictures,
     deletion_review,

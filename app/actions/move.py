@@ -117,6 +117,8 @@ def _list_ways(session: EditorSession) -> list[Action]:
     return [
         make("park", "Park where it is now", "ICON_FA_SQUARE_PARKING", movement.park, separator=True),
         make("stop", "Brake to a stop from now on", "ICON_FA_HAND", change("stop")),
+        make("wait", "Wait here for 2 s from now on", "ICON_FA_HOURGLASS_HALF", change("wait", 2.0)),
+        make("start", "Stand until now, then drive", "ICON_FA_FLAG_CHECKERED", change("start")),
         make("slow", "Drive half as fast from now on", "ICON_FA_GAUGE", change("speed", 0.5)),
         make("lane_left", "Change lane to the left", "ICON_FA_ARROW_LEFT", change("lane", LANE)),
         make("lane_right", "Change lane to the right", "ICON_FA_ARROW_RIGHT", change("lane", -LANE)),

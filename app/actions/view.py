@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ShowPanel
 from instdrive_app.state import ViewMode
 
 VIEW_MODE_ICONS = {
@@ -34,6 +35,10 @@ def list_actions(session: EditorSession) -> list[Action]:
 
     def is_shown(mode: ViewMode) -> Callable[[], bool]:
         return lambda: session.state.view_mode is mode
+
+    def fit_map() -> None:
+        session.state.map_fits += 1
+        session.requests.put(ShowPanel("Map"))
 
     modes = [
         Action(
@@ -91,12 +96,65 @@ def list_actions(session: EditorSession) -> list[Action]:
             icon="ICON_FA_DOVE",
             words=("camera", "top", "map"),
         ),
+        Action(
+            "map.frame",
+            "Show everything in the map",
+            fit_map,
+            "View",
+            enabled=lambda: session.document is not None,
+            icon="ICON_FA_MAP_LOCATION_DOT",
+            words=("map", "bird's eye", "plan", "top view", "overview"),
+        ),
         _create_switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
         _create_switch(session, "view.plain_solo", "Plain backdrop when shown alone", "plain_solo", "ICON_FA_SQUARE"),
         _create_switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
         _create_switch(session, "view.grid", "Grid on the ground", "show_grid", "ICON_FA_BORDER_ALL", key="Shift+G"),
+        *_list_cameras(session),
         _create_switch(
             session, "view.above_ground", "Orbit above the ground only", "stay_above_ground", "ICON_FA_ROAD"
+        ),
+    ]
+
+
+def _list_cameras(session: EditorSession) -> list[Action]:
+    """List the switches that draw the clip's cameras where they stood."""
+    state, words = session.state, ("frusta", "frustum", "rig", "ego", "trajectory", "poses", "photos")
+
+    def has_cameras() -> bool:
+        return session.document is not None and bool(session.document.scene.views)
+
+    def toggle() -> None:
+        state.show_cameras = not state.show_cameras
+
+    def toggle_all() -> None:
+        state.show_all_cameras = not (state.show_cameras and state.show_all_cameras)
+        state.show_cameras = True
+
+    needs = "The scene has no cameras"
+    return [
+        Action(
+            "view.cameras",
+            "Cameras of the clip",
+            toggle,
+            "View",
+            ("Alt+C",),
+            enabled=has_cameras,
+            checked=lambda: state.show_cameras,
+            icon="ICON_FA_CAMERA",
+            words=words,
+            needs=needs,
+        ),
+        Action(
+            "view.all_cameras",
+            "Cameras of all moments",
+            toggle_all,
+            "View",
+            ("Alt+Shift+C",),
+            enabled=has_cameras,
+            checked=lambda: state.show_cameras and state.show_all_cameras,
+            icon="ICON_FA_CAMERA_RETRO",
+            words=words,
+            needs=needs,
         ),
     ]
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from instdrive_app.panels.camera_path import CameraPathPanel
+from instdrive_app.panels.driving.way_panel import WayPanel
 from instdrive_app.panels.filter import FilterPanel
 from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector.panel import InspectorPanel
 from instdrive_app.panels.instances.panel import InstancesPanel
 from instdrive_app.panels.log import LogPanel
+from instdrive_app.panels.map.panel import MapPanel
 from instdrive_app.panels.runs import RunsPanel
 from instdrive_app.panels.timeline import TimelinePanel
 from instdrive_app.panels.training import TrainingPanel
@@ -43,6 +45,8 @@ class PanelRecord:
     """Whether it is open until the user decides otherwise."""
     fills_window: bool = False
     """Whether it is drawn without padding, and is always there: then the Window menu does not list it."""
+    shortcut: str = ""
+    """Key that brings it to the front; empty: by its place in the Window menu, Alt+1 and so on, as far as they go."""
 
 
 PANELS = (
@@ -57,5 +61,7 @@ PANELS = (
     PanelRecord("Training", "ICON_FA_CHART_LINE", "RightBottom", TrainingPanel, shown=False),
     PanelRecord("Runs", "ICON_FA_SCALE_BALANCED", "RightBottom", RunsPanel, shown=False),
     PanelRecord("Camera path", "ICON_FA_CLAPPERBOARD", "Bottom", CameraPathPanel, shown=False),
+    PanelRecord("Map", "ICON_FA_MAP", "Beside", MapPanel, shown=False, shortcut="Alt+M"),
+    PanelRecord("Way", "ICON_FA_ROUTE", "RightBottom", WayPanel, shown=False),
 )
 """The panels, in the order of their tabs."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.language.translation import translate
+from instdrive_app.panels.driving.timeline_keys import TimelineKeys
 from instdrive_app.panels.widgets.ui import (
     Ui,
     draw_action_button,
@@ -33,6 +34,9 @@ HINTS = {
 class TimelinePanel:
     """Steps, plays and scrubs through the drive, and chooses a dataset camera."""
 
+    def __init__(self) -> None:
+        self._keys = TimelineKeys()
+
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         session = ui.session
@@ -52,10 +56,16 @@ class TimelinePanel:
         step, last = timeline.find_step(session.state.time), max(len(timeline.steps) - 1, 1)
         label = f"{session.state.time:.2f} s   {step + 1} / {len(timeline.steps)}"
         imgui.set_next_item_width(-imgui.calc_text_size(label).x - scale_pixels(12))
+        imgui.set_next_item_allow_overlap()
         changed, chosen = imgui.slider_int("##time", step, 0, last, "", imgui.SliderFlags_.no_input)
         ui.mark("timeline.slider")
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
         imgui.same_line()
         draw_dim_text(label)
+        inset = imgui.get_style().grab_min_size / 2 + scale_pixels(2)
+        line = imgui.get_cursor_screen_pos()
+        self._keys.draw(ui, low.x + inset, high.x - inset, (low.y + high.y) / 2)
+        imgui.set_cursor_screen_pos(line)
         if changed:
             session.navigation.set_time(timeline.steps[min(chosen, len(timeline.steps) - 1)])
         if timeline.camera_names:

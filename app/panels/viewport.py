@@ -182,7 +182,7 @@ class ViewportPanel:
         x, y = io.mouse_pos.x - place.x, io.mouse_pos.y - place.y
         if ui.script_pointer is not None:
             x, y = ui.script_pointer
-        ui.pointer = None
+        ui.pointer, ui.session.state.hovered_camera = None, None
         click = Click(x, y, io.key_shift, io.key_ctrl, io.key_alt, self._is_double)
         if self._tool_drags and not imgui.is_mouse_down(0):
             self._tool_drags = False
@@ -196,6 +196,8 @@ class ViewportPanel:
             ui.tool.leave()
             return
         ui.pointer = (x, y)
+        if self._point_at_camera(ui, snapshot, x, y, hovered):
+            return
         ui.tool.hover(x, y, snapshot)
         if self._drags or not hovered:
             return
@@ -208,6 +210,22 @@ class ViewportPanel:
         if imgui.is_mouse_released(1) and ui.session.state.hovered:
             self._menu_instance = ui.session.state.hovered
             imgui.open_popup("##picture menu")
+
+    def _point_at_camera(self, ui: Ui, snapshot: FrameSnapshot, x: float, y: float, hovered: bool) -> bool:
+        """Hover the drawn camera that is here, and look through it at a click; returns whether there is one.
+
+        Tools that take the left button for something else are left alone.
+        """
+        state = ui.session.state
+        if not state.show_cameras or not (state.tool == "pick" or ui.tool.operation):
+            return False
+        state.hovered_camera = ui.session.cameras.find_at(snapshot.camera, x, y)
+        if state.hovered_camera is None:
+            return False
+        ui.tool.leave()
+        if imgui.is_mouse_released(0) and hovered and not self._drags:
+            ui.session.navigation.look_through(state.hovered_camera)
+        return True
 
     def _draw_context_menu(self, ui: Ui) -> None:
         if imgui.begin_popup("##picture menu"):

@@ -18,7 +18,7 @@ def list_panel_actions(session: EditorSession) -> list[Action]:
             record.title,
             put_request(session, ShowPanel(record.title)),
             "Window",
-            (f"Alt+{number % 10}",) if number <= 10 else (),
+            (record.shortcut,) if record.shortcut else (f"Alt+{number % 10}",) if number <= 10 else (),
             icon=record.icon,
         )
         for number, record in enumerate(listed, start=1)

@@ -17,6 +17,8 @@ from instdrive_app.session.bounds_updater import BoundsUpdater
 from instdrive_app.session.color_controller import ColorController
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.deletion_controller import DeletionController
+from instdrive_app.session.driving.ego_way import EgoWay
+from instdrive_app.session.driving.path_editor import PathEditor
 from instdrive_app.session.export_controller import ExportController
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_app.session.files.opening import OpenedDocument
@@ -27,6 +29,7 @@ from instdrive_app.session.light.shadow_controller import ShadowController
 from instdrive_app.session.making.drive_recorder import DriveRecorder
 from instdrive_app.session.making.job_controller import JobController
 from instdrive_app.session.making.run_comparison import RunComparison
+from instdrive_app.session.mapping.map_painter import MapPainter
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.navigation import Navigation
 from instdrive_app.session.placing.overlap_controller import OverlapController
@@ -36,6 +39,7 @@ from instdrive_app.session.selection_controller import SelectionController
 from instdrive_app.session.shape.completion_controller import CompletionController
 from instdrive_app.session.showing.path_controller import PathController
 from instdrive_app.session.showing.photo_difference import PhotoDifference
+from instdrive_app.session.showing.shown_cameras import ShownCameras
 from instdrive_app.session.turn_controller import TurnController
 from instdrive_app.session.value_filter import ValueFilter
 from instdrive_app.session.view_memory import restore_view
@@ -74,11 +78,14 @@ class EditorSession:
         self.comparison = RunComparison(context, self.making.known, self.files.recents)
         self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)
-        self.recorder = DriveRecorder(context, self.files)
+        self.ego_way = EgoWay()
+        self.recorder = DriveRecorder(context, self.files, self.ego_way)
         self.navigation = Navigation(context)
         self.camera_path = PathController(context, self.navigation)
+        self.cameras = ShownCameras(context, self.navigation)
         self.references = ReferencePictures(self.messages.error, self.wake)
         self.difference = PhotoDifference(context)
+        self.map = MapPainter(context)
 
         self.selection = SelectionController(context)
         self.filter = ValueFilter(context)
@@ -86,6 +93,7 @@ class EditorSession:
         self.colors = ColorController(context)
         self.labels = LabelController(context)
         self.movement = MoveController(context)
+        self.ways = PathEditor(context)
         self.shadows = ShadowController(context, self.movement.options)
         self._overlaps = OverlapController(context)
         self.completion = CompletionController(context)
@@ -108,8 +116,9 @@ class EditorSession:
         self.history.enter(document)
         self.aids.forget()
         self.camera_path.forget()
+        self.ego_way.forget()
         self.files.enter(document, path, saved)
-        self.state.hovered = 0
+        self.state.hovered, self.state.hovered_camera = 0, None
         self.references.forget()
         self.navigation.enter(document)
         name = path.name if path else phrase("the scene")
@@ -131,6 +140,7 @@ class EditorSession:
             self.navigation.keep_start()
             self.aids.bookmarks.restore(opened.view.get("bookmarks"))
             self.camera_path.restore(opened.view.get(FIELD))
+            self.ego_way.restore(opened.view.get("ego_way"))
         for note in opened.notes:
             self.messages.info(note)
         if opened.document.history.done:
@@ -146,17 +156,19 @@ class EditorSession:
             "pending": self.deletion.review.store(),
             "bookmarks": self.aids.bookmarks.store(),
             FIELD: self.camera_path.store(),
+            "ego_way": self.ego_way.store(),
         }
 
     def _get_more_version(self) -> int:
         """Rises with every change of that by the user."""
-        return self.aids.bookmarks.version + self.camera_path.version
+        return self.aids.bookmarks.version + self.camera_path.version + self.ego_way.version
 
     def _follow_turn(self, change: Similarity) -> None:
         """Take along what knows places, after the whole scene was transformed by [s R | t]."""
         self.deletion.review.clear_all()
         self.aids.follow_scene(change)
         self.camera_path.follow_scene(change)
+        self.ego_way.follow_scene(change)
 
     def undo(self) -> None:
         """Undo one step: of the camera path where that was changed last, else of the scene."""
@@ -187,6 +199,7 @@ class EditorSession:
         self.camera_path.tick(seconds)
         self.difference.tick(seconds, self.state.compares and self.state.comparison is Comparison.ERROR)
         self.shadows.tick(seconds, self.movement.drag is not None)
+        self.map.begin_frame()
         self._overlaps.tick(seconds, self.movement.drag is not None)
         self.deletion.review.tick(seconds, self.movement.drag is not None)
         self.state.is_solo = bool(self.visibility.solo.ids)
@@ -213,5 +226,6 @@ class EditorSession:
         self.recorder.close()
         self.jobs.close()
         self.references.close()
+        self.map.close()
         if by_choice:
             self.files.autosave.end()

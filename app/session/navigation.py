@@ -175,6 +175,12 @@ class Navigation:
         if len(means):
             self.look_from(camera.look_straight_down(self._state.viewpoint, means))
 
+    def go_to_place(self, x: float, y: float) -> None:
+        """Look at a place of the ground (metres) from nearby, in the direction in which the user looks now."""
+        height = self.find_ground_height(np.array([x, y, 0.0]))
+        ground = self._state.viewpoint.pivot[2] if height is None else height
+        self.look_from(camera.look_at_ground(self._state.viewpoint, np.array([x, y, ground])))
+
     def compute_world_means(self, ids: tuple[int, ...]) -> Float[ndarray, "n 3"]:
         """Compute world positions of instances, or of everything, at the shown time, without deleted splats.
 

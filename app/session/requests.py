@@ -37,6 +37,8 @@ class ShowPanel(Request):
     is_urgent: ClassVar[bool] = True
     panel: str
     """The name on its tab."""
+    closes: bool = False
+    """Whether it is closed instead."""
 
 
 @dataclass(frozen=True)

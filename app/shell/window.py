@@ -275,6 +275,7 @@ class EditorWindow:
             or session.camera_path.playing
             or session.references.is_reading
             or session.difference.is_comparing
+            or session.map.is_painting
             or (session.state.compares and session.state.comparison is Comparison.FLICKER)
         )
         busy = busy or session.history.is_jumping
@@ -282,7 +283,7 @@ class EditorWindow:
 
     def _after_panels(self) -> None:
         while (request := self._session.requests.take(ShowPanel)) is not None:
-            self._show_panel(request.panel)
+            self._show_panel(request.panel, request.closes)
         self._dialogs.draw(self.ui)
         draw_progress(self.ui)
         draw_toasts(self.ui)
@@ -302,14 +303,16 @@ class EditorWindow:
         parameters.fps_idling.enable_idling = self._steps is None
         parameters.fps_idling.fps_idle = WAITING_FPS if self._is_waiting() else IDLE_FPS
 
-    def _show_panel(self, name: str) -> None:
+    def _show_panel(self, name: str, closes: bool) -> None:
         docking = hello_imgui.get_runner_params().docking_params
         label = self._labels.get(name, name)
         window = docking.dockable_window_of_name(label)
         if window is None:
             _log.error("there is no panel %r to show", name)
             return
-        window.is_visible = True
+        window.is_visible = not closes
+        if closes:
+            return
         docking.focus_dockable_window(label)
 
     def _before_swap(self) -> None:

@@ -12,6 +12,8 @@ RIGHT_WIDTH, BOTTOM_HEIGHT = 346.0, 104.0
 """Smallest width of the lists at the right and height of the timeline, in pixels at scale 1."""
 INSPECTOR_SHARE = 0.6
 """Share of the right column; the list of instances has the rest."""
+BESIDE_SHARE = 0.36
+"""Share of the view's width that panels beside it take."""
 IDLE_FPS, WAITING_FPS = 1.0, 20.0
 """Frames per second while the user does nothing, and while a job runs; events and results wake the window at once."""
 
@@ -75,6 +77,7 @@ def _build_docking(size: tuple[int, int], windows: Sequence[hello_imgui.Dockable
         split("MainDockSpace", "Right", direction.right, max(RIGHT_WIDTH / width, 0.23)),
         split("Right", "RightBottom", direction.down, INSPECTOR_SHARE),
         split("MainDockSpace", "Bottom", direction.down, max(BOTTOM_HEIGHT / height, 0.13)),
+        split("MainDockSpace", "Beside", direction.right, BESIDE_SHARE),
     ]
     docking.dockable_windows = list(windows)
     docking.main_dock_space_node_flags = imgui.DockNodeFlags_.auto_hide_tab_bar

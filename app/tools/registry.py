@@ -14,6 +14,7 @@ from instdrive_app.tools.brush import BrushTool
 from instdrive_app.tools.gizmo import GizmoTool
 from instdrive_app.tools.lasso import LassoTool
 from instdrive_app.tools.measure import MeasureTool
+from instdrive_app.tools.path import PathTool
 from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.polygon import PolygonTool
 from instdrive_app.tools.rectangle import RectangleTool
@@ -117,6 +118,14 @@ TOOLS = (
     ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", _make_handles_tool("move"), starts_group=True),
     ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", _make_handles_tool("rotate")),
     ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", _make_handles_tool("scale")),
+    ToolRecord(
+        "path",
+        "Edit the way of a vehicle",
+        "ICON_FA_ROUTE",
+        "Shift+T",
+        lambda parts: PathTool(parts.session, parts.picker),
+        words=("path", "track", "keys", "drive", "trajectory", "vehicle"),
+    ),
     ToolRecord(
         "measure",
         "Measure",

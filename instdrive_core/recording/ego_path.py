@@ -1,4 +1,4 @@
-"""Another way for the recording car: beside its own, in another lane, slower, or stopping."""
+"""Another way for the recording car: beside its own, in another lane, slower, stopping, or drawn."""
 
 from __future__ import annotations
 
@@ -6,18 +6,22 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
+from scipy.spatial import KDTree
 
 from instdrive_core.errors import OptionError
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.track import Track
+from instdrive_core.scene.vehicle_path import sample_path
+from instdrive_core.scene.ways.drawn_way import DrawnWay, read_drawn_way, time_way
 
-Kind = Literal["shift", "lane", "speed", "stop"]
+Kind = Literal["shift", "lane", "speed", "stop", "path"]
 FARTHEST = 50.0
 """Metres to the side, at most: nothing was seen from farther away."""
 LANE_SECONDS = 3.0
@@ -26,7 +30,7 @@ BRAKE_SECONDS = 2.0
 """Time from the first braking until the car stands."""
 _LEAST_WAY = 1.0
 """Metres of the drive from which the way says where forward is."""
-_FORMS = "shift=METRES, lane=METRES@SECONDS or lane=METRES@FROM-TO, speed=FACTOR, stop=SECONDS"
+_FORMS = "shift=METRES, lane=METRES@SECONDS or lane=METRES@FROM-TO, speed=FACTOR, stop=SECONDS, path=FILE"
 
 
 @dataclass(frozen=True)
@@ -40,10 +44,18 @@ class EgoChange:
     """When a change of lane begins, seconds since the first view."""
     seconds: float = LANE_SECONDS
     """How long a change of lane takes."""
+    drawn: DrawnWay | None = None
+    """The way of a `path`, which is driven instead of the recorded one; other changes are then changes of it."""
 
 
 def parse_ego_change(text: str) -> EgoChange:
-    """Parse ``shift=1.5``, ``lane=-3.5@2``, ``lane=3.5@2-6``, ``speed=0.5`` or ``stop=3``. Raises OptionError."""
+    """Parse ``shift=1.5``, ``lane=-3.5@2``, ``lane=3.5@2-6``, ``speed=0.5``, ``stop=3`` or ``path=way.json``.
+
+    Raises OptionError, and DataError for a file that holds no way.
+    """
+    name, _, file = text.strip().partition("=")
+    if name == "path" and file:
+        return EgoChange("path", 0.0, drawn=read_drawn_way(Path(file)))
     number = r"([+-]?\d+(?:\.\d+)?)"
     found = re.fullmatch(rf"(shift|speed|stop)={number}|lane={number}@{number}(?:-{number})?", text.strip())
     if found is None:
@@ -64,15 +76,17 @@ def reroute_views(views: Sequence[CameraView], changes: Sequence[EgoChange]) -> 
 
     Args:
         views: all views of the drive, so that the way is known between them and beyond those that are recorded.
-        changes: what is changed.
+        changes: what is changed. Raises OptionError where a drawn way leads too far from the recorded one.
     """
     if not changes or not views:
         return tuple(views)
-    way = find_ego_way(views)
-    start = float(way.times[0])
+    recorded = find_ego_way(views)
+    drawn = next((change.drawn for change in changes if change.drawn is not None), None)
+    way = recorded if drawn is None else drive_drawn_way(recorded, drawn)
+    start = float(recorded.times[0])
     moved = []
     for view in views:
-        own = way.interpolate_pose(view.time)
+        own = recorded.interpolate_pose(view.time)
         pose = _place_car(way, changes, view.time - start) @ np.linalg.inv(own) @ view.camera.world_from_camera
         moved.append(replace(view, camera=replace(view.camera, world_from_camera=pose)))
     return tuple(moved)
@@ -96,6 +110,33 @@ def find_ego_way(views: Sequence[CameraView]) -> Track:
     car[:2, 0], car[:2, 1], car[:3, 3] = (forward[1], -forward[0]), forward, cameras[0, :3, 3]
     camera_from_car = np.linalg.inv(cameras[0]) @ car
     return Track("ego", "ego", np.ones(3), times, cameras @ camera_from_car, True)
+
+
+def drive_drawn_way(recorded: Track, drawn: DrawnWay) -> Track:
+    """Drive a drawn way: heading along it, as high and as inclined as the recorded car was nearest to each place.
+
+    Raises OptionError where a place is farther than `FARTHEST` metres from the recorded way.
+    """
+    keys = time_way(drawn, recorded)
+    times = np.unique(np.r_[recorded.times, [key.time for key in keys if recorded.covers(key.time)]])
+    tree = KDTree(recorded.world_from_box[:, :2, 3])
+    apart = tree.query(np.array(drawn.places), workers=1)[0]
+    if float(apart.max()) > FARTHEST:
+        x, y = drawn.places[int(np.argmax(apart))]
+        raise OptionError(
+            f"the drawn way leads to x = {x:.1f}, y = {y:.1f}, {apart.max():.0f} m from the recorded one; at most "
+            f"{FARTHEST:g} m are possible"
+        )
+    first = recorded.world_from_box[0]
+    found = sample_path(keys, times, math.atan2(first[1, 1], first[0, 1]))
+    nearest = tree.query(found.places, workers=1)[1]
+    poses = recorded.world_from_box[nearest].copy()
+    turns = found.headings - np.arctan2(poses[:, 1, 1], poses[:, 0, 1])
+    cosine, sine, zero, one = np.cos(turns), np.sin(turns), np.zeros_like(turns), np.ones_like(turns)
+    about_z = np.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
+    poses[:, :3, :3] = about_z @ poses[:, :3, :3]
+    poses[:, :2, 3] = found.places
+    return Track("ego", "ego", np.ones(3), times, poses, True)
 
 
 def _place_car(way: Track, changes: Sequence[EgoChange], seconds: float) -> Float64[ndarray, "4 4"]:

@@ -110,6 +110,28 @@ def change_speed(keys: Sequence[PathKey], factor: float, start: float = -math.in
     return _retime(keys, max(start, keys[0].time), lambda late: factor * late)
 
 
+def wait_at(keys: Sequence[PathKey], seconds: float, start: float) -> tuple[PathKey, ...]:
+    """Brake from `start` seconds on, stand for `seconds`, and drive on the same way; it ends when it did."""
+
+    def spend(late: Float64[ndarray, " n"]) -> Float64[ndarray, " n"]:
+        braking = np.minimum(late, BRAKE_SECONDS)
+        return braking * (1 - braking / (2 * BRAKE_SECONDS)) + _start_off(late - BRAKE_SECONDS - seconds)
+
+    return _retime(keys, start, spend)
+
+
+def start_at(keys: Sequence[PathKey], start: float) -> tuple[PathKey, ...]:
+    """Stand where the way begins until `start` seconds, then drive it; it ends when it did."""
+    first = keys[0].time
+    return _retime(keys, first, lambda late: _start_off(late - (start - first)))
+
+
+def _start_off(late: Float64[ndarray, " n"]) -> Float64[ndarray, " n"]:
+    """Seconds of the way that are driven within so many seconds of starting off; as long as braking takes."""
+    speeding = np.clip(late, 0, BRAKE_SECONDS)
+    return speeding**2 / (2 * BRAKE_SECONDS) + np.maximum(late - BRAKE_SECONDS, 0)
+
+
 def turn_off(keys: Sequence[PathKey], angle: float, start: float, radius: float = 10.0) -> tuple[PathKey, ...]:
     """Leave the way at `start` seconds on a bend of `radius` metres by `angle` radians (left above 0), then go on.
 

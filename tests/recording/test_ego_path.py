@@ -1,13 +1,15 @@
 """Other ways of the recording car."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 
-from instdrive_core.errors import OptionError
+from instdrive_core.errors import DataError, OptionError
 from instdrive_core.recording.ego_path import EgoChange, find_ego_way, parse_ego_change, reroute_views
 from instdrive_core.scene.camera import Camera, CameraView, look_at
+from instdrive_core.scene.ways.drawn_way import DrawnWay, describe_drawn_way, read_drawn_way
 
 SPEED, STEP = 8.0, 0.1
 
@@ -107,3 +109,76 @@ def test_changes_are_parsed(text, change):
 def test_what_is_no_change_is_said(text):
     with pytest.raises(OptionError):
         parse_ego_change(text)
+
+
+def write_way(folder, **content):
+    path = folder / "way.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+CURVE = [{"x": 0.0, "y": 3.0}, {"x": 20.0, "y": 3.0}, {"x": 30.0, "y": 12.0}]
+
+
+def test_a_drawn_way_is_driven_as_fast_as_recorded_or_by_number(tmp_path):
+    views = make_views()
+    for speed, expected in ((None, SPEED), (4.0, 4.0)):
+        content = {"keys": CURVE} | ({} if speed is None else {"speed": speed})
+        moved = reroute_views(views, [parse_ego_change(f"path={write_way(tmp_path, **content)}")])
+        places = list_places(moved)
+        np.testing.assert_allclose(places[0], [0, 3, 1.5], atol=1e-6)
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        np.testing.assert_allclose(steps[5:15], expected * STEP, rtol=0.03)
+        assert np.allclose(places[:, 2], 1.5), "as high as it was"
+    np.testing.assert_allclose(list_places(reroute_views(views, [drawn(30.0)]))[-1], [30, 12, 1.5], atol=0.05)
+
+
+def drawn(speed=None):
+    return EgoChange("path", 0.0, drawn=DrawnWay(tuple((key["x"], key["y"]) for key in CURVE), speed))
+
+
+def test_the_rig_turns_with_the_drawn_way_and_stays_as_it_is():
+    views = make_views()
+    moved = reroute_views(views, [drawn(30.0)])
+    relative = [
+        np.linalg.inv(pair[0].camera.world_from_camera) @ pair[1].camera.world_from_camera
+        for pair in (views[-2:], moved[-2:])
+    ]
+    np.testing.assert_allclose(relative[0], relative[1], atol=1e-9)
+    back = next(view for view in reversed(moved) if view.name == "back").camera.world_from_camera[:3, 2]
+    assert back[0] < -0.4, "it looks back along the bend"
+    assert back[1] < -0.4
+
+
+def test_a_drawn_way_has_times_of_its_own_and_is_changed_further(tmp_path):
+    views = make_views()
+    keys = [{"time": 5.0, "x": 0.0, "y": 3.0}, {"time": 7.0, "x": 0.0, "y": 3.0}, {"time": 9.0, "x": 10.0, "y": 3.0}]
+    change = parse_ego_change(f"path={write_way(tmp_path, keys=keys)}")
+    places = list_places(reroute_views(views, [change]))
+    np.testing.assert_allclose(places[[0, 20, 40, -1], 0], [0, 0, 10, 10], atol=1e-6)
+    aside = list_places(reroute_views(views, [change, EgoChange("shift", 2.0)]))
+    np.testing.assert_allclose(aside[:, 1], 5.0, atol=1e-6)
+    written = write_way(tmp_path, **describe_drawn_way(change.drawn))
+    assert read_drawn_way(written) == change.drawn
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"keys": CURVE[:1]}, "holds no way"),
+        ({"keys": [{"x": 1.0}, {"x": 2.0, "y": 1.0}]}, r"keys\[0\].y"),
+        ({"keys": CURVE, "speed": -1}, "speed"),
+        ({"keys": [{**CURVE[0], "time": 1.0}, CURVE[1]]}, "only some"),
+        ({"keys": [{**CURVE[0], "time": 1.0}, {**CURVE[1], "time": 1.0}]}, r"keys\[1\].time"),
+        ({"keys": [{**CURVE[0], "time": 1.0}, {**CURVE[1], "time": 2.0}], "speed": 3}, "does not go with"),
+    ],
+)
+def test_files_that_hold_no_way_name_the_field(tmp_path, content, words):
+    with pytest.raises(DataError, match=words):
+        parse_ego_change(f"path={write_way(tmp_path, **content)}")
+
+
+def test_a_way_that_leads_away_is_refused():
+    far = EgoChange("path", 0.0, drawn=DrawnWay(((0.0, 3.0), (0.0, 90.0))))
+    with pytest.raises(OptionError, match="87 m from the recorded one"):
+        reroute_views(make_views(), [far])

@@ -6,6 +6,7 @@ from instdrive_app.panels.overlays import Handles, Overlay, OverlayRecord
 from instdrive_app.panels.overlays.box import BoxOverlay
 from instdrive_app.panels.overlays.brush_ring import BrushRing
 from instdrive_app.panels.overlays.camera_tag import CameraTag
+from instdrive_app.panels.overlays.cameras import CamerasOverlay
 from instdrive_app.panels.overlays.deletion import DeletionOverlay
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
 from instdrive_app.panels.overlays.first_picture import FirstPictureNotice
@@ -14,6 +15,7 @@ from instdrive_app.panels.overlays.gizmo import Gizmo
 from instdrive_app.panels.overlays.ground_grid import GridOverlay
 from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
+from instdrive_app.panels.overlays.path_keys import PathKeysOverlay
 from instdrive_app.panels.overlays.reference import ReferenceOverlay
 from instdrive_app.panels.overlays.region_outline import RegionOutline
 from instdrive_app.panels.overlays.ruler import RulerOverlay
@@ -26,7 +28,9 @@ BELOW_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
     OverlayRecord("Photo and masks", "ICON_FA_IMAGE", ReferenceOverlay),
     OverlayRecord("Notice of the first picture", "ICON_FA_HOURGLASS_HALF", FirstPictureNotice),
     OverlayRecord("Grid on the ground", "ICON_FA_BORDER_ALL", GridOverlay),
+    OverlayRecord("Cameras of the clip", "ICON_FA_CAMERA", CamerasOverlay),
     OverlayRecord("Box", "ICON_FA_CUBE", BoxOverlay),
+    OverlayRecord("Keys of a way", "ICON_FA_ROUTE", PathKeysOverlay),
     OverlayRecord("Measured line", "ICON_FA_RULER_COMBINED", RulerOverlay),
     OverlayRecord("Review of a deletion", "ICON_FA_BROOM", DeletionOverlay),
 )

@@ -77,6 +77,12 @@ class Ui:
             if right - left < high.x - low.x - scale_pixels(CUT_SLACK):
                 self.cut.add(name)
 
+    def mark_spot(self, name: str, spot: tuple[float, float], reach: float, place: Rectangle) -> None:
+        """Record a drawn spot (window pixels) that reaches so far, in pixels at scale 1, where it lies in `place`."""
+        (x, y), far = spot, scale_pixels(reach)
+        if place.x + far <= x <= place.x + place.width - far and place.y + far <= y <= place.y + place.height - far:
+            self.marks[name] = (x - far, y - far, x + far, y + far)
+
     def forget_marks(self) -> None:
         """Forget all marks; call it before a frame."""
         self.marks.clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os.path
 import subprocess
 import time
@@ -13,11 +14,13 @@ from typing import Literal
 from instdrive_app.files.file_names import find_folder_beside
 from instdrive_app.jobs import Job
 from instdrive_app.session.context import SessionContext
+from instdrive_app.session.driving.ego_way import EgoWay
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_app.session.making.child import CommandFailedError, clean_complaint, start_command
 from instdrive_core.progress import report
 from instdrive_core.project.save import SUFFIX, ProjectState, capture_project_state, write_project
 from instdrive_core.recording.folder import LOCK, PLAN
+from instdrive_core.scene.ways.drawn_way import DrawnWay, describe_drawn_way
 from instdrive_core.wording import phrase
 
 LAYOUTS = {
@@ -34,7 +37,7 @@ LAYOUTS = {
     "mcap": "MCAP",
 }
 """Layouts of data sets that `instdrive simulate` writes, too, and their titles."""
-Way = Literal["own", "shift", "lane", "speed", "stop"]
+Way = Literal["own", "shift", "lane", "speed", "stop", "drawn"]
 PROGRESS = "progress "
 """Beginning of the lines that say how far the command is."""
 _LOOK_SECONDS = 0.2
@@ -49,7 +52,7 @@ class RecordChoice:
     """Pixels; None = as in training."""
     way: Way = "own"
     amount: float = 2.0
-    """Metres to the left, factor of the speed, or second of the drive, as the way needs it."""
+    """Metres to the left, factor of the speed, second of the drive, or m/s (0: as recorded), as the way needs it."""
     flow: bool = False
     confidence: bool = False
     layouts: tuple[str, ...] = ()
@@ -61,11 +64,11 @@ class RecordChoice:
     """mp4 or webm; empty = no videos."""
 
     def list_arguments(self) -> list[str]:
-        """List the arguments of `instdrive simulate`."""
+        """List the arguments of `instdrive simulate`, but for a drawn way, which has a file of its own."""
         arguments = [] if self.width is None else ["--width", str(self.width)]
         ways = {"shift": f"shift={self.amount:g}", "lane": f"lane={self.amount:g}@0.5"}
         ways |= {"speed": f"speed={self.amount:g}", "stop": f"stop={self.amount:g}"}
-        arguments += ["--ego", ways[self.way]] if self.way != "own" else []
+        arguments += ["--ego", ways[self.way]] if self.way in ways else []
         arguments += ["--flow"] * (self.flow and not self.shutter) + ["--confidence"] * self.confidence
         arguments += ["--shutter", f"{self.shutter:g}"] if self.shutter else []
         arguments += ["--rig", os.path.expanduser(self.rig.strip())] if self.rig.strip() else []
@@ -76,8 +79,8 @@ class RecordChoice:
 class DriveRecorder:
     """Holds the choice of the dialog, and records."""
 
-    def __init__(self, context: SessionContext, files: DocumentFiles) -> None:
-        self._context, self._files = context, files
+    def __init__(self, context: SessionContext, files: DocumentFiles, ego_way: EgoWay) -> None:
+        self._context, self._files, self._ego_way = context, files, ego_way
         self.choice = RecordChoice()
         self._job: Job | None = None
 
@@ -99,6 +102,7 @@ class DriveRecorder:
             return
         self.choice = choice
         state = capture_project_state(document)
+        drawn = self._ego_way.build(choice.amount or None) if choice.way == "drawn" else None
 
         def finish(said: str) -> None:
             self._files.last_export = folder
@@ -106,7 +110,7 @@ class DriveRecorder:
 
         self._job = self._context.jobs.submit(
             phrase("Recording {name}", name=folder.name),
-            lambda: record_in_process(state, folder, choice.list_arguments()),
+            lambda: record_in_process(state, folder, choice.list_arguments(), drawn),
             finish,
         )
 
@@ -140,8 +144,8 @@ def _list_names(path: str) -> list[str]:
         return []
 
 
-def record_in_process(state: ProjectState, folder: Path, arguments: list[str]) -> str:
-    """Record a project's state by `instdrive simulate`, reporting progress; returns what it said about the recording.
+def record_in_process(state: ProjectState, folder: Path, arguments: list[str], drawn: DrawnWay | None = None) -> str:
+    """Record a project's state by `instdrive simulate`, on the `drawn` way if there is one; returns what it said.
 
     A cancelled recording leaves whole files, so that the next one goes on. Raises CommandFailedError with what the
     command complained of.
@@ -149,7 +153,11 @@ def record_in_process(state: ProjectState, folder: Path, arguments: list[str]) -
     with TemporaryDirectory(prefix="instdrive-record-") as temporary:
         project, output = Path(temporary, f"drive{SUFFIX}"), Path(temporary, "output.txt")
         write_project(project, state)
-        command = ("simulate", str(project), "-o", str(folder), "--progress", "lines", *arguments)
+        command = ["simulate", str(project), "-o", str(folder), "--progress", "lines", *arguments]
+        if drawn is not None:
+            way = Path(temporary, "way.json")
+            way.write_text(json.dumps(describe_drawn_way(drawn)), encoding="utf-8")
+            command += ["--ego", f"path={way}"]
         process = start_command(output, *command)
         try:
             while process.poll() is None:

@@ -18,9 +18,16 @@ from instdrive_core.instances.table import Instance
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.vehicle_path import PathKey
 
-_EXAMPLE = "--path 17=way.json, 17=lane:3.5@2, 17=stop@3, 17=speed:0.5@0 or 17=turn:90@2"
-_TEMPLATES: dict[str, Template] = {"lane": "lane", "stop": "stop", "speed": "speed", "turn": "turn"}
-_TEMPLATE = re.compile(r"(lane|stop|speed|turn)(?::([+-]?\d+(?:\.\d+)?))?@(\d+(?:\.\d+)?)")
+_EXAMPLE = "--path 17=way.json, 17=lane:3.5@2, 17=stop@3, 17=speed:0.5@0, 17=turn:90@2, 17=wait:2@3 or 17=start@1"
+_TEMPLATES: dict[str, Template] = {
+    "lane": "lane",
+    "stop": "stop",
+    "speed": "speed",
+    "turn": "turn",
+    "wait": "wait",
+    "start": "start",
+}
+_TEMPLATE = re.compile(r"(lane|stop|speed|turn|wait|start)(?::([+-]?\d+(?:\.\d+)?))?@(\d+(?:\.\d+)?)")
 
 
 @dataclass(frozen=True)
@@ -30,7 +37,7 @@ class PathOptions:
     path: tuple[str, ...] = ()
     """Ways as ID=FILE with keys as JSON, as ID=FILE.xosc or ID=FILE.xosc#ENTITY of OpenSCENARIO, or as a change of a
     mover's own way: ID=lane:METRES@SECOND (left above 0), ID=stop@SECOND, ID=speed:FACTOR@SECOND,
-    ID=turn:DEGREES@SECOND. What stands still starts driving with a file."""
+    ID=turn:DEGREES@SECOND, ID=wait:SECONDS@SECOND, ID=start@SECOND. What stands still starts driving with a file."""
     park: tuple[str, ...] = ()
     """Movers that are parked where they are at a time, as ID@SECOND."""
 
@@ -69,7 +76,7 @@ def _build_path(text: str, document: Document) -> Edit:
     if found is None:
         return drive_instance(entry, _read_keys(value.strip(), entry, document))
     kind, amount, start = _TEMPLATES[found[1]], found[2], float(found[3])
-    if (amount is None) != (kind == "stop") or (kind == "speed" and not 0 <= float(amount) <= 10):
+    if (amount is None) != (kind in ("stop", "start")) or (kind in ("speed", "wait") and not _is_fit(kind, amount)):
         raise OptionError(f"{value!r} in {text!r} is no change of a way; write e.g. {_EXAMPLE}")
     return drive_instance(entry, change_way(_require_track(entry, document), kind, float(amount or 0), start))
 
@@ -78,6 +85,11 @@ def _read_keys(value: str, entry: Instance, document: Document) -> tuple[PathKey
     if not is_scenario(value):
         return read_way(Path(value))
     return read_scenario_way(value, document.scene.origin, (entry.name, str(entry.id), f"instance {entry.id}"))
+
+
+def _is_fit(kind: Template, amount: str | None) -> bool:
+    """Whether a factor of the speed, or seconds of standing, are possible."""
+    return 0 <= float(amount or 0) <= (10 if kind == "speed" else 600)
 
 
 def _park(text: str, document: Document) -> Edit:

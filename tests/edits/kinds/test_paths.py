@@ -201,11 +201,27 @@ def test_wrong_files_name_the_field(tmp_path, case):
         read_way(tmp_path / "way.json")
 
 
+@pytest.mark.parametrize("change", ["wait:2@0", "start@0.1", "stop@0.1", "speed:0.5@0"])
+def test_changes_of_time_keep_the_way_on_its_line(change):
+    document = rich_document()
+    track = document.scene.actors[document.scene.table[TAXI].node - 1]
+    (edit,) = PathOptions(path=(f"{TAXI}={change}",)).edits(document)
+    assert isinstance(edit, SetPath)
+    keys = np.array([key[1:3] for key in edit.keys])
+    fine = sample_path(trace_way(track), np.linspace(track.times[0], track.times[-1], 300)).places
+    apart = np.linalg.norm(keys[:, None] - fine[None], axis=2).min(axis=1)
+    assert apart.max() < 0.05
+    end = fine[-1] - fine[0]
+    assert np.linalg.norm(keys[-1] - keys[0]) < np.linalg.norm(end), "it gets less far"
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ({"path": (f"{TAXI}=stop:3@1",)}, "no change of a way"),
         ({"path": (f"{TAXI}=speed:11@0",)}, "no change of a way"),
+        ({"path": (f"{TAXI}=wait@3",)}, "no change of a way"),
+        ({"path": (f"{TAXI}=start:2@3",)}, "no change of a way"),
         ({"path": (f"{ROAD}=stop@1",)}, "stands still"),
         ({"path": (f"{TAXI}=none.json",)}, "none.json"),
         ({"park": (f"{TAXI}",)}, "--park"),

@@ -23,13 +23,14 @@ from instdrive_app.session.making.drive_recorder import (
     find_folder_problem,
     is_begun,
 )
-from instdrive_app.session.requests import AskRecord
+from instdrive_app.session.requests import AskRecord, ShowPanel
 from instdrive_core.errors import InstDriveError, OptionError
-from instdrive_core.recording.ego_path import parse_ego_change
+from instdrive_core.recording.ego_path import drive_drawn_way, find_ego_way, parse_ego_change
 from instdrive_core.recording.plan import LARGEST, LEAST_WIDTH
 from instdrive_core.recording.shutter import LONGEST
 from instdrive_core.recording.videos import check_video_request
-from instdrive_core.wording import format_count, phrase
+from instdrive_core.scene.ways.drawn_way import FASTEST
+from instdrive_core.wording import count_phrase, format_count, phrase
 
 TITLE = "Record drive"
 WAYS: tuple[tuple[Way, str, str, float], ...] = (
@@ -38,6 +39,7 @@ WAYS: tuple[tuple[Way, str, str, float], ...] = (
     ("lane", "Change of lane", "metres to the left", 3.5),
     ("speed", "Slower", "times as fast", 0.5),
     ("stop", "Stop", "seconds after the start", 1.0),
+    ("drawn", "Drawn on the map", "m/s (0: as recorded)", 0.0),
 )
 """Ways of the car: name, title, what the number means, and the number proposed."""
 VIDEOS = (("", "No videos"), ("mp4", "Videos as MP4"), ("webm", "Videos as WebM"))
@@ -94,6 +96,8 @@ class RecordDialog:
         self._draw_video(ui)
         self._draw_layouts(ui)
         problem = self._find_problem(ui.session.recorder)
+        if not problem and self._choice.way == "drawn":
+            problem = _find_drawing_problem(ui, self._choice.amount)
         imgui.push_text_wrap_pos(0)
         if problem:
             imgui.text_colored(rgba(ERROR), translate(problem))
@@ -135,6 +139,21 @@ class RecordDialog:
             ui.mark("record.amount")
             if math.isfinite(amount):
                 self._choice = replace(self._choice, amount=amount)
+
+        if way[0] == "drawn":
+            self._draw_drawing(ui)
+
+    def _draw_drawing(self, ui: Ui) -> None:
+        """Say what is drawn, and lead to the map."""
+        drawn = ui.session.ego_way
+        if imgui.button(make_label("Draw it on the map")):
+            drawn.is_drawing, ui.session.recorder.choice = True, self._choice
+            ui.session.requests.put(ShowPanel("Map"))
+            imgui.close_current_popup()
+        ui.mark("record.draw")
+        imgui.same_line()
+        imgui.align_text_to_frame_padding()
+        draw_dim_text(translate(count_phrase(len(drawn.places), "{count} place is drawn", "{count} places are drawn")))
 
     def _draw_cameras(self, ui: Ui) -> None:
         """Which cameras record, and through what shutter."""
@@ -196,3 +215,17 @@ class RecordDialog:
             except OptionError as error:
                 return read_error(error)
         return find_folder_problem(self._folder)
+
+
+def _find_drawing_problem(ui: Ui, speed: float) -> str:
+    """Say why the drawn way cannot be driven, for the user; empty where it can."""
+    way, document = ui.session.ego_way, ui.session.document
+    if not way.is_way or document is None:
+        return "Draw the way on the map first: two places at least"
+    if not 0 <= speed <= FASTEST:
+        return phrase("The car drives at from 0 to {fastest:g} m/s; 0 is as fast as recorded", fastest=FASTEST)
+    try:
+        drive_drawn_way(find_ego_way(document.scene.views), way.build(speed or None))
+    except OptionError as error:
+        return read_error(error)
+    return ""

@@ -18,13 +18,15 @@ from instdrive_core.scene.vehicle_path import (
     change_lane,
     change_speed,
     describe_way,
+    start_at,
     stop_at,
     trace_way,
     turn_off,
+    wait_at,
 )
 from instdrive_core.wording import phrase
 
-Template = Literal["lane", "stop", "speed", "turn"]
+Template = Literal["lane", "stop", "speed", "turn", "wait", "start"]
 
 
 def drive_instance(entry: Instance, keys: Sequence[PathKey]) -> Edit:
@@ -38,7 +40,8 @@ def drive_instance(entry: Instance, keys: Sequence[PathKey]) -> Edit:
 
 
 def change_way(track: Track, template: Template, amount: float, start: float) -> tuple[PathKey, ...]:
-    """Change a mover's own way from `start` seconds on: by metres (`lane`), a factor (`speed`) or degrees (`turn`)."""
+    """Change a mover's own way from `start` seconds on: by metres (`lane`), a factor (`speed`), degrees (`turn`),
+    seconds of standing (`wait`); `stop` and `start` need no amount."""
     keys = trace_way(track)
     match template:
         case "lane":
@@ -49,6 +52,10 @@ def change_way(track: Track, template: Template, amount: float, start: float) ->
             return change_speed(keys, amount, start)
         case "turn":
             return turn_off(keys, math.radians(amount), start)
+        case "wait":
+            return wait_at(keys, amount, start)
+        case "start":
+            return start_at(keys, start)
 
 
 def park_at(track: Track, time: float) -> tuple[PathKey, ...]:

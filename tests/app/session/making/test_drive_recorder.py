@@ -1,5 +1,6 @@
 """Recording from a session: what the command gets, what the user is told, and which folders are taken."""
 
+import numpy as np
 import pytest
 from session_driver import errors, finish
 from small_clip import write_small_clip
@@ -13,7 +14,7 @@ from instdrive_app.session.making.drive_recorder import (
 from instdrive_core.cli.recording.simulate import Layout
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.project.open import open_document
-from instdrive_core.recording.ego_path import parse_ego_change
+from instdrive_core.recording.ego_path import find_ego_way, parse_ego_change
 from instdrive_core.recording.folder import read_manifest
 
 
@@ -60,6 +61,23 @@ def test_the_drive_is_recorded_as_edited_and_told(recorder, session, tmp_path):
     recorder.begin(tmp_path / "out", RecordChoice(width=32))
     finish(session)
     assert "another scene, or of other views" in errors(session)[-1]
+
+
+def test_a_drawn_way_is_recorded(recorder, session, tmp_path):
+    before = find_ego_way(session.document.scene.views)
+    x, y = before.world_from_box[0, :2, 3].tolist()
+    for step in range(3):
+        session.ego_way.add(x - 0.5 * step, y + 2.0 * step)
+    choice = RecordChoice(width=32, way="drawn", amount=2.0)
+    assert choice.list_arguments() == ["--width", "32"]
+    recorder.begin(tmp_path / "out", choice)
+    finish(session)
+    assert not errors(session)
+    views = [view for view in read_manifest(tmp_path / "out")["views"] if view["camera"] == "front_camera"]
+    places = np.array([view["world_from_camera"] for view in views])[:, :2, 3]
+    np.testing.assert_allclose(places[0], (x, y), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=0), axis=1), 2.0 * 0.5, atol=0.03)
+    assert places[-1, 0] < x - 0.3
 
 
 def test_folders_that_cannot_take_a_recording_are_refused(tmp_path):

@@ -1,0 +1,1 @@
+"""Where vehicles, and the recording car, are sent: the keys of their ways."""
