@@ -40,8 +40,12 @@ COMMANDS = {
         "Find what moves in a clip's LiDAR sweeps, without cuboids or classes.",
     ),
     "make": CliCommand(
-        "instdrive_core.cli.make:make_scene",
+        "instdrive_core.cli.making.make:make_scene",
         "Make a scene of photos, a video or a drive: poses, masks, training and evaluation in one go.",
+    ),
+    "improve": CliCommand(
+        "instdrive_core.cli.making.improve:improve_scene",
+        "Train on from an edited scene: what was deleted stays deleted, what was moved or painted stays so.",
     ),
     "fleet": CliCommand(
         "instdrive_core.cli.fleets.fleet:train_fleet",

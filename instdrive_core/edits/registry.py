@@ -19,6 +19,7 @@ from instdrive_core.edits.kinds.find_objects import FindObjects
 from instdrive_core.edits.kinds.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.kinds.hide_rows import HideRows
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.labels.relabel_rows import RelabelRows
 from instdrive_core.edits.kinds.light.lay_shadow import LayShadow
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
@@ -96,6 +97,7 @@ EDIT_KINDS: dict[str, EditKind] = {
         EditKind(PaintInstances, "ICON_FA_SPRAY_CAN"),
         EditKind(ReassignSelected, "ICON_FA_RIGHT_LEFT"),
         EditKind(RecolorInstances, "ICON_FA_PAINTBRUSH"),
+        EditKind(RelabelRows, "ICON_FA_RIGHT_LEFT"),
         EditKind(RenameInstance, "ICON_FA_PEN"),
         EditKind(ResetColors, "ICON_FA_ARROW_ROTATE_LEFT"),
         EditKind(ResetMoves, "ICON_FA_ARROW_ROTATE_LEFT"),

@@ -18,10 +18,13 @@ from instdrive_core.files.json_fields import read_json, require_field
 from instdrive_core.wording import phrase
 
 FOLDER, STATE, WISH, LOCK, PICTURE, LOG = "job", "state.json", "wish", "lock", "picture.jpg", "output.txt"
+EDITS = "edits.instdrive"
+"""A project of the edits that a scene is trained on with, as they were when the job was begun."""
 VERSION = 1
 Status = Literal["running", "paused", "stopped", "failed", "done"]
 StageStatus = Literal["waiting", "running", "done"]
 Wish = Literal["run", "pause", "stop"]
+JobKind = Literal["make", "improve"]
 UNFINISHED: tuple[Status, ...] = ("running", "paused", "stopped", "failed")
 """States from which a job can go on, once no process runs it."""
 
@@ -31,7 +34,7 @@ class JobRequest:
     """What a job makes, of what, and how long it may take."""
 
     source: str
-    """Video, folder of photos, or folder of a data set; absolute."""
+    """Video, folder of photos, or folder of a data set; of kind ``improve``, a run or a project on one. Absolute."""
     minutes: float = 20.0
     """Minutes that the whole job may take on this machine."""
     iterations: int | None = None
@@ -39,6 +42,10 @@ class JobRequest:
     evaluate: bool = True
     checkpoint_every: int | None = None
     """Training steps between checkpoints; None = as usual."""
+    kind: JobKind = "make"
+    """Whether a scene is made, or one is trained on; it is the name of the command, too."""
+    clip: str = ""
+    """Where the clip of a scene that is trained on has moved to; empty where it has not."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +102,11 @@ class JobState:
 def locate_job_file(run: Path, name: str) -> Path:
     """Locate one of a job's files, e.g. `STATE`."""
     return run / FOLDER / name
+
+
+def locate_project(run: Path) -> Path:
+    """Locate the project with the edits of a scene that was trained on; there is none where it had no edits."""
+    return run / f"{run.resolve().name}.instdrive"
 
 
 def has_job(run: Path) -> bool:

@@ -12,6 +12,7 @@ from instdrive_core.errors import InstDriveError, OptionError
 from instdrive_core.extras import explain_missing_module
 from instdrive_core.files.file_lock import FileLock
 from instdrive_core.jobs.desk import JobDesk, JobStoppedError
+from instdrive_core.jobs.improve_stages import IMPROVING_STAGES, check_improving, plan_improving_stages
 from instdrive_core.jobs.job_file import (
     FOLDER,
     LOCK,
@@ -51,13 +52,16 @@ def run_job(run: Path, request: JobRequest, on_change: Callable[[JobState], None
 def _open_state(run: Path, request: JobRequest) -> JobState:
     if has_job(run):
         state = read_job_state(run)
-        if state.request.source != request.source:
+        if (state.request.kind, state.request.source) != (request.kind, request.source):
             raise OptionError(
                 f"{run}: is a job of {state.request.source}, not of {request.source}. Choose another --out."
             )
         return state
     if run.is_dir() and any(entry.name != FOLDER for entry in run.iterdir()):
-        raise OptionError(f"{run} is not empty and no job that `make` began. Choose another --out.")
+        raise OptionError(f"{run} is not empty and no job that `{request.kind}` began. Choose another --out.")
+    if request.kind == "improve":
+        check_improving(Path(request.source), request.clip)
+        return JobState(request, stages=plan_improving_stages(request.evaluate))
     facts = look_at_source(Path(request.source))
     if facts.problem:
         raise OptionError(f"{request.source}: {facts.problem}")
@@ -66,7 +70,8 @@ def _open_state(run: Path, request: JobRequest) -> JobState:
 
 def _work(desk: JobDesk) -> JobState:
     desk.change(now=True, status="running", problem="")
-    works = {stage.name: stage.work for stage in STAGES}
+    kinds = {"make": STAGES, "improve": IMPROVING_STAGES}
+    works = {stage.name: stage.work for stage in kinds[desk.state.request.kind]}
     try:
         for stage in desk.state.stages:
             if stage.status != "done":

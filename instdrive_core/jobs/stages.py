@@ -128,10 +128,11 @@ def _train(desk: JobDesk) -> None:
         resume=(desk.run / CONFIG).is_file(),
         pieces="auto",
     )
-    run_drive(request, lambda event: _report_event(desk, event), lambda note: desk.advance(note))
+    run_drive(request, lambda event: report_event(desk, event), lambda note: desk.advance(note))
 
 
-def _report_event(desk: JobDesk, event: Event) -> None:
+def report_event(desk: JobDesk, event: Event) -> None:
+    """Pass on what a trainer reports: figures, curves and pictures. Raises JobStoppedError where the job is to stop."""
     if isinstance(event, StageStarted):
         desk.advance("colour and shape" if event.stage == "rgb" else "instances", event.iteration / max(event.total, 1))
     elif isinstance(event, StepDone):

@@ -154,11 +154,11 @@ def run_training(
         if request.init is None:
             _note_movers_without_node(clip, request.config, trainer.model.actor_poses.tracks, notes.add)
         write_run_facts(out / CONFIG, collect_config(request, masks.source if masks else None))
-        _train(trainer, out, on_event)
+        run_trainer(trainer, out, on_event)
         trainer.end_training()
         learned = _learn_instances(request, clip, trainer, notes.add) if trainer.has_masks else None
         notes.add("naming instances and writing the scene")
-        exposures = _export_exposures(trainer)
+        exposures = export_learned_exposures(trainer)
         scene = export_trained_scene(trainer.model, clip, request.config, learned, exposures, trainer.cameras)
     write_scene_folder(out, replace(scene, seen_movers=movers))
     facts = _collect_facts(request, masks, trainer, backend.name, len(scene.table))
@@ -166,7 +166,11 @@ def run_training(
     return out
 
 
-def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> None:
+def run_trainer(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> None:
+    """Run a trainer to its end, with its log and checkpoints in the folder `out`.
+
+    Where `on_event` raises CancelledError, a checkpoint is written first; time spent there does not count.
+    """
     pace = CheckpointPace()
     with RunLog(out / LOG, trainer.stage, trainer.iteration) as log:
         for event in trainer.run():
@@ -198,7 +202,8 @@ def _learn_instances(
     return learner(trainer.model, trainer.store, request.config, on_note)
 
 
-def _export_exposures(trainer: Trainer) -> Exposures | None:
+def export_learned_exposures(trainer: Trainer) -> Exposures | None:
+    """Export the exposures of a trainer's photos; None where it learned none."""
     if trainer.config.freeze_geometry or not trainer.config.geometry.exposure_lr:
         return None
     return export_exposures(trainer.model.shared["exposures"], trainer.store.facts)

@@ -27,6 +27,8 @@ from instdrive_core.training.gaussians.densify import (
     is_reset_due,
     reset_opacities,
 )
+from instdrive_core.training.gaussians.edit_guard import EditGuard
+from instdrive_core.training.gaussians.lineage import Lineage
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.gaussians.optimizers import Optimizers
 from instdrive_core.training.gaussians.view_rendering import RenderedView, render_view
@@ -79,6 +81,10 @@ class Trainer:
     """Steps done in the current stage."""
     seconds_before: float = 0.0
     """Training time spent before a resume."""
+    lineage: Lineage | None = None
+    """Which Gaussian of a finished scene each comes from, where training goes on from one: those are never pruned."""
+    guard: EditGuard | None = None
+    """Keeps what was edited as it is, where a finished scene was edited; needs `lineage`."""
     _started: float = field(default_factory=time.perf_counter)
     _cache: list[CachedView] = field(default_factory=list)
     _drawn: tuple[TrainingView, Tensor] | None = None
@@ -151,6 +157,8 @@ class Trainer:
         number, coarse = self._choose_view(self.iteration)
         self.store.prefetch([self._choose_view(self.iteration + ahead) for ahead in range(1, _READ_AHEAD)])
         view = self.store.get(number, coarse)
+        if self.guard is not None:
+            view = self.guard.restrict(number, view)
         rides_along = self.config.trains_features and self.config.instances.schedule == "joint"
         joint = rides_along and view.labels is not None
 
@@ -228,6 +236,7 @@ class Trainer:
 
     def _descend(self, drawn: RenderedView) -> None:
         optimizers, gradients = self.optimizers, drawn.gradients()
+        self._leave_out_edited(drawn)
         rendered = gradients.pop("features", None)
         optimizers.geometry.rates["means"] = compute_means_lr(self.config.geometry, self.iteration, self.scene_radius)
         optimizers.geometry.step(drawn.rows, gradients, drawn.seen.visible)
@@ -236,6 +245,13 @@ class Trainer:
             self._descend_features((drawn.rows, rendered, drawn.seen.visible))
         if counts_gradients(self.config.densify, self.iteration, self.config.geometry.iterations):
             self.growth.add(drawn.rows, drawn.seen)
+
+    def _leave_out_edited(self, drawn: RenderedView) -> None:
+        """Count edited Gaussians as not seen: they neither change nor grow."""
+        if self.guard is None or self.lineage is None or drawn.seen.visible is None:
+            return
+        learning = self.guard.choose_learning(self.lineage.ancestors[drawn.rows.cpu().numpy()])
+        drawn.seen.visible &= torch.from_numpy(learning).to(drawn.seen.visible.device)
 
     def _descend_camera(self, number: int, camera: Camera, drawn: RenderedView) -> None:
         """Descend the photo's pose along the gradient of all that it saw; the sky is too far off to tell."""
@@ -274,7 +290,10 @@ class Trainer:
                 rng,
                 allow_scale_pruning=find_last_reset(config, self.iteration, total) > 0,
                 radii=compute_actor_radii(self.model.actor_poses.tracks),
+                spared=None if self.lineage is None else self.lineage.stands,
             )
+            if self.lineage is not None:
+                self.lineage = self.lineage.rearrange(result.parents, result.fresh)
             self.model.parameters, self.model.nodes = result.parameters, result.nodes
             self.optimizers.rearrange(result.parents, result.fresh, self.model)
             self.growth = GrowthStatistics.empty(len(self.model), self.backend.device)

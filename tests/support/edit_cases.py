@@ -74,6 +74,7 @@ EXAMPLES = {
     "paint_instances": {"ids": [CAR, BUS], "color": [0.9, 0.1, 0.1], "tolerance": 0.3, "reference": [0.5, 0.4, 0.3]},
     "reassign_selected": {"into": None},
     "recolor_instances": {"ids": [CAR, BUS], "mode": "hue", "color": [0.2, 0.1, 0.9]},
+    "relabel_rows": {"found_by": "split_instance", "parts": [[[3, 2]], [[9, 4]]], "into": [None, CAR], "like": PAIR},
     "rename_instance": {"id": CAR, "name": "old timer"},
     "reset_colors": {"ids": [PAIR]},
     "reset_moves": {"ids": [PAIR]},

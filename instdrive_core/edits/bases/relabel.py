@@ -37,6 +37,12 @@ class RelabelEdit(Edit):
     _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
 
+    def get_changed_rows(self) -> ndarray:
+        """Rows whose instance the last `do` changed. Raises ValueError where it changed nothing yet."""
+        if self._rows is None:
+            raise ValueError("the edit was not done")
+        return self._rows.astype(np.int64)
+
     @abstractmethod
     def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """Which rows go where; no row twice. Raises EditError where the edit does not fit."""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import fields
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from instdrive_core.wording import format_count, phrase
 
 if TYPE_CHECKING:
     from instdrive_core.edits.document.document import Document  # which holds a history of edits
+
+
+EditT = TypeVar("EditT", bound="Edit")
 
 
 class Edit(ABC):
@@ -36,6 +39,10 @@ class Edit(ABC):
     @abstractmethod
     def undo(self, document: Document) -> None:
         """Restore, bit by bit, what the last `do` changed."""
+
+    def copy_undone(self: EditT, **changes: Any) -> EditT:
+        """Copy the edit, with other parameters where some are given, as it was before it was done."""
+        return replace(self, **changes)  # type: ignore[type-var]
 
     def to_json(self) -> dict[str, object]:
         """Kind and parameters, ready for json.dumps."""

@@ -109,6 +109,7 @@ def densify_and_prune(
     rng: np.random.Generator,
     allow_scale_pruning: bool,
     radii: Float64[ndarray, " k"] | None = None,
+    spared: Bool[ndarray, " n"] | None = None,
 ) -> DensifyResult:
     """Grow and prune once. Pure: nothing given is changed.
 
@@ -119,13 +120,15 @@ def densify_and_prune(
         allow_scale_pruning: whether oversized Gaussians go too, which 3DGS does after the first reset.
         radii: `compute_actor_radii` of nodes 1, 2, …; thresholds there are shares of these where they are smaller than
             the scene's.
+        spared: rows that are never pruned; None = none.
     """
     device = parameters["means"].device
     lengths = np.full(int(nodes.max(initial=0)) + 1, scene_radius)
     if radii is not None:
         lengths[1:] = np.minimum(scene_radius, radii[: len(lengths) - 1])
     row_lengths = torch.from_numpy(lengths[nodes].astype(np.float32)).to(device)
-    grows, splits, pruned = _choose_rows(parameters, statistics, config, row_lengths, allow_scale_pruning)
+    kept = None if spared is None else torch.from_numpy(spared).to(device)
+    grows, splits, pruned = _choose_rows(parameters, statistics, config, row_lengths, allow_scale_pruning, kept)
 
     stays, grown = ~(pruned | splits), np.flatnonzero(grows & ~splits)
     halves = np.repeat(np.flatnonzero(splits)[None], 2, axis=0).ravel()
@@ -158,6 +161,7 @@ def _choose_rows(
     config: DensifyConfig,
     lengths: Float[Tensor, " n"],
     allow_scale_pruning: bool,
+    spared: Bool[Tensor, " n"] | None = None,
 ) -> tuple[Bool[ndarray, " n"], Bool[ndarray, " n"], Bool[ndarray, " n"]]:
     """Masks of the rows that grow, of those among them that split, and of those that are pruned.
 
@@ -169,6 +173,8 @@ def _choose_rows(
     wants, large = gradients > config.gradient_threshold, sizes > config.clone_scale
     pruned = torch.sigmoid(logits) < config.prune_opacity
     oversized = (sizes > config.prune_scale) & allow_scale_pruning
+    if spared is not None:
+        pruned, oversized = pruned & ~spared, oversized & ~spared
     pruned |= oversized & ~(wants & large & (sizes <= _SPLIT_SHRINKS * config.prune_scale))
     room = max(0, config.max_gaussians - int((~pruned).sum()))
     grows = _choose_largest(gradients, wants & ~pruned, room)

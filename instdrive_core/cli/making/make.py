@@ -5,15 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 from tyro.conf import Positional, arg
 
 from instdrive_core.errors import OptionError
-
-if TYPE_CHECKING:
-    from instdrive_core.jobs.job_file import JobState
 
 
 def make_scene(
@@ -44,42 +41,15 @@ def make_scene(
         return
     if out is None:
         raise OptionError("--out is missing: give the folder of the run, e.g. -o runs/street")
-    if not 0 < minutes < 100_000:
-        raise OptionError(f"--minutes is {minutes:g}; it must be more than 0")
-    if iterations is not None and iterations < 1:
-        raise OptionError(f"--iterations is {iterations}; it must be 1 or more")
+    from instdrive_core.cli.making.job_printer import JobPrinter, check_length
     from instdrive_core.jobs.job_file import JobRequest
     from instdrive_core.jobs.run_job import run_job
 
-    printer = _Printer()
+    check_length(minutes, iterations)
+    printer = JobPrinter()
     request = JobRequest(str(source.resolve()), minutes, iterations, not no_eval)
     state = run_job(out, request, printer.show)
     if state.status == "stopped":
         print(f"stopped; the same command goes on (--out {out})")
     else:
         print(f"scene: {out} (open it with: instdrive edit {out})")
-
-
-class _Printer:
-    """Prints a line for each stage and note, and now and then how far a stage is."""
-
-    def __init__(self) -> None:
-        self._stage, self._notes, self._doing = "", 0, ""
-
-    def show(self, state: JobState) -> None:
-        from instdrive_core.jobs.job_file import describe_seconds
-
-        for note in state.notes[self._notes :]:
-            print(f"  {note}", flush=True)
-        self._notes = len(state.notes)
-        stage = state.stage
-        if stage is None:
-            return
-        if stage.name != self._stage:
-            self._stage = stage.name
-            print(stage.title, flush=True)
-        doing = state.doing.split(":")[0]
-        if doing and doing != self._doing:
-            self._doing = doing
-            left = "" if state.seconds_left is None else f", {describe_seconds(state.seconds_left)} left"
-            print(f"  {doing}{left}", flush=True)

@@ -1,0 +1,1 @@
+"""Commands that run a whole job: making a scene, and training one on."""

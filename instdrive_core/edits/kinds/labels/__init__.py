@@ -1,0 +1,1 @@
+"""Label repairs whose outcome is kept row by row."""
