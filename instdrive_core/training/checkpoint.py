@@ -21,13 +21,14 @@ from instdrive_core.files.atomic import replace_atomically
 from instdrive_core.scene.track import Track
 from instdrive_core.training.gaussians.actor_poses import ActorPoses
 from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.named_masks import NamedMasks
 from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.settings.events import Stage
 from instdrive_core.training.trainer import Trainer
 
 VERSION = 3
 _PARAMETER, _SHARED, _OPTIMIZER, _GROWTH = "parameter.", "shared.", "adam.", "growth."
-_CAMERA, _TRACK = "camera.", "track."
+_CAMERA, _TRACK, _NAMED = "camera.", "track.", "named."
 _NODES = "nodes"
 
 
@@ -66,6 +67,7 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
         _GROWTH: trainer.growth.state_tensors(),
         _CAMERA: trainer.cameras.state_tensors(),
         _TRACK: _track_tensors(trainer.model.actor_poses.tracks),
+        _NAMED: {} if trainer.named_masks is None else trainer.named_masks.to_tensors(),
     }
     tensors = {_NODES: torch.from_numpy(trainer.model.nodes.astype(np.int32))}
     for prefix, group in groups.items():
@@ -118,6 +120,8 @@ def restore_trainer(trainer: Trainer, checkpoint: Checkpoint) -> None:
     trainer.optimizers.load_state_tensors(checkpoint.group(_OPTIMIZER))
     trainer.growth.load_state_tensors(checkpoint.group(_GROWTH))
     trainer.cameras.load_state_tensors(checkpoint.group(_CAMERA))
+    named = checkpoint.group(_NAMED)
+    trainer.named_masks = NamedMasks.from_tensors(named) if named else None
 
 
 def _track_facts(track: Track) -> dict[str, Any]:
