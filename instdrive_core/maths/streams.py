@@ -47,6 +47,8 @@ class Stream(IntEnum):
     """Offset of the voxels in the instance stage; by step."""
     MASKED_PIXELS = 1012
     """Sampled pixels whose blending weights are cached; by view."""
+    EDGE_TAGS = 1013
+    """Tags of the objects whose edges are learned; by step."""
 
     BASELINE_FEATURES = 1101
     """First features of a baseline."""

@@ -22,13 +22,14 @@ from instdrive_core.scene.track import Track
 from instdrive_core.training.gaussians.actor_poses import ActorPoses
 from instdrive_core.training.gaussians.lineage import Lineage
 from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.named_masks import NamedMasks
 from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.settings.events import Stage
 from instdrive_core.training.trainer import Trainer
 
 VERSION = 3
 _PARAMETER, _SHARED, _OPTIMIZER, _GROWTH = "parameter.", "shared.", "adam.", "growth."
-_CAMERA, _TRACK, _LINEAGE = "camera.", "track.", "lineage."
+_CAMERA, _TRACK, _LINEAGE, _NAMED = "camera.", "track.", "lineage.", "named."
 _NODES = "nodes"
 
 
@@ -68,6 +69,7 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
         _CAMERA: trainer.cameras.state_tensors(),
         _TRACK: _track_tensors(trainer.model.actor_poses.tracks),
         _LINEAGE: {} if trainer.lineage is None else trainer.lineage.state_tensors(),
+        _NAMED: {} if trainer.named_masks is None else trainer.named_masks.to_tensors(),
     }
     tensors = {_NODES: torch.from_numpy(trainer.model.nodes.astype(np.int32))}
     for prefix, group in groups.items():
@@ -122,6 +124,8 @@ def restore_trainer(trainer: Trainer, checkpoint: Checkpoint) -> None:
     trainer.cameras.load_state_tensors(checkpoint.group(_CAMERA))
     lineage = checkpoint.group(_LINEAGE)
     trainer.lineage = Lineage.from_state(lineage) if lineage else None
+    named = checkpoint.group(_NAMED)
+    trainer.named_masks = NamedMasks.from_tensors(named) if named else None
 
 
 def _track_facts(track: Track) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,9 @@ from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
 from instdrive_core.training.checkpoint_pace import CheckpointPace
 from instdrive_core.training.gaussians.exposures import export_exposures
 from instdrive_core.training.gaussians.first_gaussians import MIN_ACTOR_POINTS
+from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.instance_learner import InstanceLearner, LearnedInstances, read_codewords
+from instdrive_core.training.instances.named_masks import NamedMasks, name_masks
 from instdrive_core.training.instances.scene_export import export_trained_scene
 from instdrive_core.training.instances.voted_instances import vote_instances
 from instdrive_core.training.memory_check import check_gpu_memory, check_training_memory, measure_peak_memory
@@ -153,10 +155,13 @@ def run_training(
         trainer = _build_trainer(request, clip, store, backend, notes.add)
         if request.init is None:
             _note_movers_without_node(clip, request.config, trainer.model.actor_poses.tracks, notes.add)
+        learner = _choose_learner(request, clip)
+        if learner is not None:
+            trainer.name_masks = partial(_name_masks, learner=learner, config=request.config, on_note=notes.add)
         write_run_facts(out / CONFIG, collect_config(request, masks.source if masks else None))
         run_trainer(trainer, out, on_event)
         trainer.end_training()
-        learned = _learn_instances(request, clip, trainer, notes.add) if trainer.has_masks else None
+        learned = _learn_instances(request, learner, trainer, notes.add) if trainer.has_masks else None
         notes.add("naming instances and writing the scene")
         exposures = export_learned_exposures(trainer)
         scene = export_trained_scene(trainer.model, clip, request.config, learned, exposures, trainer.cameras)
@@ -189,14 +194,28 @@ def run_trainer(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) 
             trainer.seconds_before -= time.perf_counter() - began
 
 
+def _choose_learner(request: RunRequest, clip: Clip) -> InstanceLearner | None:
+    """The learner of the instances; None where they are read off trained features."""
+    if request.learner is not None or request.config.instances.learned_by != "votes":
+        return request.learner
+    # Votes may be counted twice, to learn edges and at the end; the drive's sweeps are looked at once.
+    return partial(
+        vote_instances, build_lidar=cache(partial(build_lidar_scene, clip)) if clip.training_sweeps else None
+    )
+
+
+def _name_masks(
+    model: SceneModel, store: ViewStore, learner: InstanceLearner, config: TrainConfig, on_note: Callable[[str], None]
+) -> NamedMasks:
+    """Name masks by votes counted on a scene that is still in training (a `MaskNamer`)."""
+    on_note("finding out which masks show the same object, to learn their edges")
+    learned = learner(model, store, config, lambda note: None)
+    return name_masks(model, store, learned, config.instances.min_alpha)
+
+
 def _learn_instances(
-    request: RunRequest, clip: Clip, trainer: Trainer, on_note: Callable[[str], None]
+    request: RunRequest, learner: InstanceLearner | None, trainer: Trainer, on_note: Callable[[str], None]
 ) -> LearnedInstances:
-    learner = request.learner
-    if learner is None and request.config.instances.learned_by == "votes":
-        learner = partial(
-            vote_instances, build_lidar=partial(build_lidar_scene, clip) if clip.training_sweeps else None
-        )
     if learner is None:
         return read_codewords(trainer.model.gaussians().features)
     return learner(trainer.model, trainer.store, request.config, on_note)

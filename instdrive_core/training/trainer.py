@@ -35,6 +35,7 @@ from instdrive_core.training.gaussians.view_rendering import RenderedView, rende
 from instdrive_core.training.instances.feature_weights import CachedView, blend_features
 from instdrive_core.training.instances.instance_learner import cache_views
 from instdrive_core.training.instances.instance_losses import segments_from_labels
+from instdrive_core.training.instances.named_masks import MaskNamer, NamedMasks, ObjectTags
 from instdrive_core.training.losses.instance_terms import INSTANCE_TERMS, InstanceStep, sample_rendered_pixels
 from instdrive_core.training.losses.loss_term import compute_terms
 from instdrive_core.training.losses.rgb_terms import RGB_TERMS, RgbStep
@@ -52,6 +53,7 @@ from instdrive_core.training.settings.events import (
 from instdrive_core.training.settings.schedule import (
     choose_view,
     compute_means_lr,
+    find_edge_start,
     is_coarse,
 )
 from instdrive_core.training.views.training_view import TrainingView
@@ -85,6 +87,10 @@ class Trainer:
     """Which Gaussian of a finished scene each comes from, where training goes on from one: those are never pruned."""
     guard: EditGuard | None = None
     """Keeps what was edited as it is, where a finished scene was edited; needs `lineage`."""
+    name_masks: MaskNamer | None = None
+    """Finds out which masks show the same object, so that their edges can be learned; None = no edges are."""
+    named_masks: NamedMasks | None = None
+    """What it found, once edges are learned."""
     _started: float = field(default_factory=time.perf_counter)
     _cache: list[CachedView] = field(default_factory=list)
     _drawn: tuple[TrainingView, Tensor] | None = None
@@ -123,6 +129,9 @@ class Trainer:
             message = f"caching the blending weights of {len(self.store)} views"
         yield StageStarted(self.stage, self.iteration, total, message)
         while self.iteration < total:
+            if self.stage == "rgb" and self._wants_names():
+                yield StageStarted(self.stage, self.iteration, total, "finding out which masks show the same object")
+                self.named_masks = self._name_masks()
             if self.stage == "rgb":
                 self.rgb_step()
             else:
@@ -163,13 +172,14 @@ class Trainer:
         joint = rides_along and view.labels is not None
 
         camera = self.cameras.correct(number, view.camera)
-        drawn = render_view(self.model, backend, camera, view.time, joint)
+        tags = self._draw_tags(number, view)
+        drawn = render_view(self.model, backend, camera, view.time, joint, None if tags is None else tags.of_gaussians)
         image = backend.composite_over_sky(drawn.color, drawn.alpha, shared["sky"], camera)
         if config.exposure_lr:
             image = backend.expose(image, shared["exposures"][number])
 
         self._drawn = view, image.detach()
-        step = RgbStep(self.config, backend, number, view, drawn, image, shared["exposures"])
+        step = RgbStep(self.config, backend, number, view, drawn, image, shared["exposures"], tags)
         terms = compute_terms(RGB_TERMS, step)
         if joint:
             terms |= compute_terms(INSTANCE_TERMS, self._sample_joint_pixels(view, drawn))
@@ -194,6 +204,26 @@ class Trainer:
         self._descend_features(None if seen is None or seen[1].grad is None else (seen[0], seen[1].grad, None))
 
     # What the steps are made of.
+
+    def _wants_names(self) -> bool:
+        due = self.config.learns_edges and self.iteration >= find_edge_start(self.config)
+        return due and self.has_masks and self.name_masks is not None and self.named_masks is None
+
+    def _name_masks(self) -> NamedMasks:
+        """Name the masks as the photos show the objects now, through cameras as corrected so far."""
+        assert self.name_masks is not None
+        self.store.place_cameras(self.cameras.list_poses())
+        try:
+            return self.name_masks(self.model if self.backend.uses_kernels else self.model.copy_to_cpu(), self.store)
+        finally:
+            self.store.place_cameras(None)
+
+    def _draw_tags(self, number: int, view: TrainingView) -> ObjectTags | None:
+        """Draw a step's tags of the objects, where edges are learned and the view has masks that teach any."""
+        if self.named_masks is None:
+            return None
+        rng = make_generator(self.config.seed, Stream.EDGE_TAGS, self.iteration)
+        return self.named_masks.draw_tags(number, view.layers, self.config.geometry.edge_fit, rng, self.backend.device)
 
     def _show_drawn(self, view: TrainingView, image: Tensor) -> ViewDrawn:
         pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()

@@ -105,16 +105,27 @@ def test_votes_name_instances_without_training(street, tmp_path):
         assert len(np.unique(scene.instance_ids[scene.nodes == node])) <= 1
 
 
-def test_votes_are_the_same_after_an_interruption(street, tmp_path):
+@pytest.mark.parametrize("edge_start", [0.75, 0.45], ids=["before edges are learned", "while they are"])
+def test_votes_are_the_same_after_an_interruption(street, tmp_path, edge_start):
+    config = by_votes()
+    config = replace(
+        config,
+        geometry=replace(config.geometry, edge_start=edge_start),
+        densify=replace(config.densify, stop=0.2),
+    )
+
     def stop(event):
         if isinstance(event, CheckpointDue):
             raise Interrupted
 
-    whole = read_scene_folder(train(street, tmp_path / "whole", config=by_votes()))
+    whole = read_scene_folder(train(street, tmp_path / "whole", config=config))
     with pytest.raises(Interrupted):
-        train(street, tmp_path / "part", config=by_votes(), on_event=stop)
-    part = read_scene_folder(train(street, tmp_path / "part", config=by_votes(), resume=True))
+        train(street, tmp_path / "part", config=config, on_event=stop)
+    named = any(name.startswith("named.") for name in load_file(tmp_path / "part" / CHECKPOINT))
+    assert named == (edge_start < 0.5)  # the run is stopped half-way
+    part = read_scene_folder(train(street, tmp_path / "part", config=config, resume=True))
     np.testing.assert_array_equal(part.instance_ids, whole.instance_ids)
+    np.testing.assert_array_equal(part.gaussians.log_scales, whole.gaussians.log_scales)
 
 
 def test_votes_leave_a_scene_trained_elsewhere_as_it_is(street, trained, tmp_path):

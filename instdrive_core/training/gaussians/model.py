@@ -55,6 +55,12 @@ class SceneModel:
         """A numpy copy, every actor in its box frame."""
         return Gaussians(**{name: value.detach().cpu().numpy().copy() for name, value in self.parameters.items()})
 
+    def copy_to_cpu(self) -> SceneModel:
+        """Copy everything to the CPU, as constants."""
+        parameters = {name: value.detach().cpu() for name, value in self.parameters.items()}
+        shared = {name: value.detach().cpu() for name, value in self.shared.items()}
+        return SceneModel(parameters, shared, self.nodes, self.actor_poses)
+
     def move_to(self, device: torch.device) -> None:
         """Put every tensor on a device."""
         self.parameters = {name: value.to(device) for name, value in self.parameters.items()}

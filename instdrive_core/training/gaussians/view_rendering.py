@@ -33,6 +33,8 @@ class RenderedView:
     """Filled by the backward pass."""
     color: Float[Tensor, "h w 3"]
     features: Float[Tensor, "h w d"] | None
+    tags: Float[Tensor, "h w t"] | None
+    """Σ w·tag; sends gradient into geometry and opacity as colours do."""
     depth: Float[Tensor, "h w"]
     """Σ w·z."""
     alpha: Float[Tensor, "h w"]
@@ -44,10 +46,18 @@ class RenderedView:
         return {name: leaf.grad for name, leaf in self.splats.items()}
 
 
-def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float, with_features: bool) -> RenderedView:
+def render_view(
+    model: SceneModel,
+    backend: Backend,
+    camera: Camera,
+    time: float,
+    with_features: bool,
+    tags: Float[Tensor, "n t"] | None = None,
+) -> RenderedView:
     """Render the model from one camera at one time (seconds).
 
-    With `with_features` a feature map is rendered, too; it sends no gradient into geometry.
+    With `with_features` a feature map is rendered, too; it sends no gradient into geometry. `tags` are constants of
+    each Gaussian, on the backend's device, blended like colours; they send gradient into geometry.
     """
     poses = model.actor_poses.at(time, model.corrections)
     rows, nodes = find_rows_of_view(model, backend, poses, camera)
@@ -62,15 +72,19 @@ def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float
     colors = backend.evaluate_harmonics(
         means, splats["sh_dc"], splats["sh_rest"], camera.position, nodes, poses.matrices
     )
-    channels = torch.cat([colors, splats["features"]], dim=1) if with_features else colors
+    shaping = [colors] if tags is None else [colors, tags.index_select(0, rows)]
+    parts = [*shaping, splats["features"]] if with_features else shaping
+    channels = torch.cat(parts, dim=1) if len(parts) > 1 else colors
+    geometry_channels = sum(part.shape[1] for part in shaping)
     seen = SeenSplats()
     drawn, depth, alpha = backend.rasterize(
-        means, quats, splats["log_scales"], splats["opacity_logits"], channels, camera, 3, seen
+        means, quats, splats["log_scales"], splats["opacity_logits"], channels, camera, geometry_channels, seen
     )
-    color, features = (drawn, None)
-    if with_features:
-        color, features = drawn.split([3, drawn.shape[2] - 3], dim=2)  # slices would each get a gradient of full width
-    return RenderedView(rows, splats, seen, color, features, depth, alpha, (means, quats))
+    # Slices would each get a gradient of full width.
+    color, *rest = drawn.split([part.shape[1] for part in parts], dim=2) if len(parts) > 1 else (drawn,)
+    drawn_tags = None if tags is None else rest.pop(0)
+    features = rest.pop(0) if with_features else None
+    return RenderedView(rows, splats, seen, color, features, drawn_tags, depth, alpha, (means, quats))
 
 
 def find_rows_of_view(

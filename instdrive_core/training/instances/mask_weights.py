@@ -90,7 +90,7 @@ def _look_at_views(
         if not any(layer.any() for layer in view.layers):
             continue
         layers = max(layers, len(view.layers))
-        rows, weights, pixels = _look_at_grid(model, view, number, min_alpha)
+        rows, weights, pixels = look_at_grid(model, view, number, min_alpha)
         labels = [layer.ravel()[pixels] for layer in view.layers]
         for layer, labels_of_pixels in enumerate(labels):
             local, masks, values, count = _sum_in_masks(weights, labels_of_pixels, len(rows))
@@ -103,10 +103,14 @@ def _look_at_views(
     return view_of_mask, layers, unmasked
 
 
-def _look_at_grid(
+def look_at_grid(
     model: SceneModel, view: TrainingView, number: int, min_alpha: float
 ) -> tuple[Int64[ndarray, " v"], BlendWeights, Int64[ndarray, " p"]]:
-    """Rows of Gaussians that a view may show, their weights in the opaque pixels of its grid, and these pixels."""
+    """Look at a grid of pixels of the number-th view, which is shifted from view to view. The model is on the CPU.
+
+    Returns the rows of Gaussians that the view may show, their weights in those pixels of the grid that have at least
+    `min_alpha` opacity, and these pixels, flat and rising.
+    """
     pixels = _list_grid_pixels(view, number)
     rows, weights = compute_view_weights(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]

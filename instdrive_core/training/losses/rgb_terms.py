@@ -10,6 +10,7 @@ from torch import Tensor
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.gaussians.exposures import exposure_penalty
 from instdrive_core.training.gaussians.view_rendering import RenderedView
+from instdrive_core.training.instances.named_masks import ObjectTags
 from instdrive_core.training.losses.loss_term import LossTerm
 from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.views.training_view import TrainingView
@@ -29,6 +30,8 @@ class RgbStep:
     """Rendered colour with the sky behind it, exposed as the photo."""
     exposures: Float[Tensor, "v 3 4"]
     """Exposures of all photos."""
+    tags: ObjectTags | None = None
+    """Tags of the objects that the view's masks show; None where no edges are learned."""
     psnr: Float[Tensor, ""] | float = float("nan")
     """PSNR of `image` in dB; the photometric term writes it."""
 
@@ -48,6 +51,16 @@ def _compare_with_lidar(step: RgbStep, weight: float) -> Tensor:
 def _clear_sky(step: RgbStep, weight: float) -> Tensor:
     assert step.view.sky is not None
     return weight * step.backend.sky_loss(step.rendered.alpha, step.view.sky)
+
+
+def _keep_objects_apart(step: RgbStep, weight: float) -> Tensor:
+    """Compare what is blended of the objects' tags with the tag of the one that the pixel's mask shows, as opaque as
+    the pixel is: whatever else shows there has too much weight."""
+    tags, drawn = step.tags, step.rendered.tags
+    assert tags is not None
+    assert drawn is not None
+    foreign = (drawn - tags.wanted * step.rendered.alpha[..., None]).abs() * tags.known[..., None]
+    return weight * foreign.mean()
 
 
 def _hold_exposures(step: RgbStep, weight: float) -> Tensor:
@@ -81,6 +94,15 @@ RGB_TERMS: tuple[LossTerm[RgbStep], ...] = (
         weight_field="geometry.sky_weight",
         compute=_clear_sky,
         is_due=lambda step: step.view.sky is not None,
+    ),
+    LossTerm(
+        name="edge",
+        meaning="nothing of other objects shows in an object's masks: tags, drawn anew each step, blend to its own",
+        stage="rgb",
+        needs="instance masks",
+        weight_field="geometry.edge_weight",
+        compute=_keep_objects_apart,
+        is_due=lambda step: step.tags is not None,
     ),
     LossTerm(
         name="exposure",

@@ -64,6 +64,12 @@ class GeometryConfig:
     """Log scales."""
     rotation_lr: float = 4e-3
     """Quaternions."""
+    edge_weight: float = 0.3
+    """Edges of the masks: what shows of other objects in an object's masks; 0 = none."""
+    edge_start: float = 0.75
+    """Share of the stage after which edges are learned, once nothing grows any more."""
+    edge_fit: float = 0.5
+    """Masks whose IoU with the object they show best is smaller teach no edges."""
     sky_lr: float = 0.01
     """Sky cube map."""
     sky_resolution: int = 128
@@ -209,6 +215,12 @@ class TrainConfig:
     def trained_feature_dim(self) -> int:
         """Numbers of each Gaussian's trained feature: 0 where none is trained, so that none takes memory."""
         return self.instances.feature_dim if self.trains_features else 0
+
+    @property
+    def learns_edges(self) -> bool:
+        """Whether masks shape Gaussians, too: with our own method, whose votes tell which masks show one object."""
+        ours = self.method == "instdrive" and self.instances.learned_by == "votes"
+        return ours and self.geometry.edge_weight > 0 and not self.freeze_geometry
 
     @property
     def instance_iterations(self) -> int:

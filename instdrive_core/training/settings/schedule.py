@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from jaxtyping import Int
 from numpy import ndarray
 
@@ -21,6 +23,12 @@ def compute_means_lr(config: GeometryConfig, iteration: int, scene_radius: float
 def is_coarse(config: GeometryConfig, iteration: int) -> bool:
     """Whether a step runs at half the resolution."""
     return iteration < config.coarse_iterations
+
+
+def find_edge_start(config: TrainConfig) -> int:
+    """Find the first step of the RGB stage that learns the masks' edges; nothing grows from there on."""
+    share = max(config.geometry.edge_start, config.densify.stop)
+    return math.ceil(share * config.geometry.iterations)
 
 
 def choose_view(seed: int, stream: Stream, iteration: int, views: int) -> int:

@@ -114,9 +114,9 @@ class ViewStore:
         """Bytes of views in memory now; never more than the budget."""
         return self._kept_bytes
 
-    def place_cameras(self, poses: Sequence[Float64[ndarray, "4 4"]]) -> None:
-        """From now on, return views with corrected cameras: world_from_camera of each view."""
-        self._poses = tuple(poses)
+    def place_cameras(self, poses: Sequence[Float64[ndarray, "4 4"]] | None) -> None:
+        """From now on, return views with corrected cameras: world_from_camera of each view; None = as they were."""
+        self._poses = None if poses is None else tuple(poses)
 
     def get(self, number: int, coarse: bool = False) -> TrainingView:
         """Get a view, at half the resolution with `coarse`. Do not write into its arrays.

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from tiny_training import new_trainer, tiny_config
 
+from instdrive_core.training.instances.instance_learner import LearnedInstances
+from instdrive_core.training.instances.named_masks import name_masks
 from instdrive_core.training.losses.loss_term import LossTerm
 from instdrive_core.training.losses.registry import LOSS_TERMS, format_loss_table
 from instdrive_core.training.settings.config import TrainConfig, keep_geometry
@@ -29,8 +31,10 @@ def _terms_of_first_step(config: TrainConfig, stage: str) -> dict[str, float]:
         trainer, _ = new_trainer(keep_geometry(config))
         trainer.instance_step()
         return trainer.read_losses().terms
-    trainer, _ = new_trainer(config)
+    trainer, which = new_trainer(config)
     trainer.model.shared["exposures"].data += 0.01
+    learned = LearnedInstances(which.astype(np.uint32), np.zeros((len(which), 0), np.float32), 0)
+    trainer.named_masks = name_masks(trainer.model, trainer.store, learned, config.instances.min_alpha)
     trainer.rgb_step()
     return trainer.read_losses().terms
 
