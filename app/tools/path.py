@@ -45,8 +45,10 @@ class PathTool(PickTool):
         if self._held is None:
             self._held = find_key_at(editor, camera, *start)
             editor.choose(self._held)
-        place = find_on_ground(camera, editor.find_ground(), *to)
-        if self._held is not None and place is not None:
+        if self._held is None or self._held >= len(editor.keys):
+            return
+        place = find_on_ground(camera, editor.find_ground(editor.keys[self._held].time), *to)
+        if place is not None:
             editor.preview(move_key(editor.keys, self._held, *place))
 
     def release(self, click: Click, snapshot: FrameSnapshot) -> None:
@@ -68,7 +70,7 @@ class PathTool(PickTool):
         if index is not None:
             editor.choose(index)
             return editor.subject
-        place = find_on_ground(camera, editor.find_ground(), click.x, click.y)
+        place = find_on_ground(camera, editor.find_ground(keys[-1].time), click.x, click.y)
         if place is not None and editor.drives and measure_to_way(editor, camera, click.x, click.y) <= WAY_PIXELS:
             editor.add(find_time_at(keys, *place)[0])
             return editor.subject

@@ -6,8 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
-from jaxtyping import Float64
-from numpy import ndarray
 
 from instdrive_app.panels.overlays.world_pen import WorldPen
 from instdrive_app.panels.widgets.theme import pack_color
@@ -26,9 +24,9 @@ class PathKeysOverlay:
         editor, snapshot = ui.session.ways, ui.view.snapshot
         if snapshot is None or not editor.is_active:
             return
-        height, draw = editor.find_ground(), imgui.get_window_draw_list()
+        draw = imgui.get_window_draw_list()
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
-        line = _lift(editor.find_line(), height)
+        line = editor.find_line()
         for thickness, color in ((5.0, pack_color(PICTURE_SHADE, 0.6)), (2.5, pack_color(PICTURE_ACCENT))):
             pen = WorldPen(snapshot.camera, place, thickness)
             for start, end in pairwise(line):
@@ -36,12 +34,12 @@ class PathKeysOverlay:
         pen = WorldPen(snapshot.camera, place, 2.0)
         ghost = editor.find_ghost()
         if ghost is not None:
-            corners = _lift(ghost, height)
+            corners = np.c_[ghost, np.full(len(ghost), editor.find_ground())]
             for number in range(4):
                 pen.draw_line(corners[number - 1], corners[number], pack_color(PICTURE_TEXT, 0.9))
         if editor.drives:
-            for index, key in enumerate(editor.keys):
-                spot = pen.project(np.array([key.x, key.y, height]))
+            for index, key_place in enumerate(editor.find_places()):
+                spot = pen.project(key_place)
                 if spot is not None:
                     draw_key(spot, index == editor.chosen)
                     ui.mark_spot(f"gizmo.way.{index}", spot, KEY, place)
@@ -53,7 +51,3 @@ def draw_key(spot: tuple[float, float], is_chosen: bool) -> None:
     draw, at = imgui.get_window_draw_list(), ImVec2(*spot)
     draw.add_circle_filled(at, scale_pixels(KEY + 2), pack_color(PICTURE_SHADE, 0.85))
     draw.add_circle_filled(at, scale_pixels(KEY), pack_color(PICTURE_ACCENT if is_chosen else PICTURE_TEXT))
-
-
-def _lift(places: Float64[ndarray, "n 2"], height: float) -> Float64[ndarray, "n 3"]:
-    return np.c_[places, np.full(len(places), height)]

@@ -148,23 +148,30 @@ class PathEditor:
             self.set_keys(delete_key(self.keys, index))
             self.choose(max(index - 1, 0))
 
-    def find_ground(self) -> float:
-        """Find the height (metres) of the ground on which the thing stands now."""
+    def find_ground(self, time: float | None = None) -> float:
+        """Find the height (metres) of the ground on which the thing stands at a time (seconds), or at the shown one."""
         document, subject = self._context.document, self.subject
         assert document is not None
         entry = document.scene.table[subject]
         if entry.node:
             track = document.scene.actors[entry.node - 1]
-            return float(track.interpolate_pose(self._state.time)[2, 3] - track.dimensions[2] / 2)
+            middle = track.interpolate_position(self._state.time if time is None else time)
+            return float(middle[2] - track.dimensions[2] / 2)
         return float(entry.bounds[0][2])
 
-    def find_line(self) -> Float64[ndarray, "n 2"]:
-        """Find the line (metres) of the way through the keys that are shown."""
+    def find_places(self) -> Float64[ndarray, "k 3"]:
+        """Find where the keys that are shown lie on the ground, metres."""
+        keys = self.keys
+        return np.array([(key.x, key.y, self.find_ground(key.time)) for key in keys]).reshape(-1, 3)
+
+    def find_line(self) -> Float64[ndarray, "n 3"]:
+        """Find the line (metres) of the way on the ground through the keys that are shown."""
         keys = self.keys
         if len(keys) < 2:
-            return np.array([(key.x, key.y) for key in keys]).reshape(-1, 2)
-        times = np.linspace(keys[0].time, keys[-1].time, SAMPLES * (len(keys) - 1) + 1)
-        return sample_path(keys, np.unique(np.r_[times, [key.time for key in keys]])).places
+            return self.find_places()
+        at = np.array([key.time for key in keys])
+        times = np.unique(np.r_[np.linspace(at[0], at[-1], SAMPLES * (len(keys) - 1) + 1), at])
+        return np.c_[sample_path(keys, times).places, np.interp(times, at, self.find_places()[:, 2])]
 
     def find_ghost(self) -> Float64[ndarray, "4 2"] | None:
         """Find the footprint (metres) where the thing would be at the shown time by the keys that are dragged now."""

@@ -16,11 +16,10 @@ _NEAREST = 0.1
 
 def find_key_at(editor: PathEditor, camera: Camera, x: float, y: float) -> int | None:
     """Find the key that `camera` shows at a pixel; the nearest one, None where none is near."""
-    keys = editor.keys
-    if not keys:
+    places = editor.find_places() if editor.keys else np.zeros((0, 3))
+    if not len(places):
         return None
-    height = editor.find_ground()
-    pixels, depths = camera.project(np.array([(key.x, key.y, height) for key in keys]))
+    pixels, depths = camera.project(places)
     apart = np.where(depths > _NEAREST, np.hypot(pixels[:, 0] - x, pixels[:, 1] - y), np.inf)
     nearest = int(np.argmin(apart))
     return nearest if apart[nearest] <= KEY_PIXELS else None
@@ -31,7 +30,7 @@ def measure_to_way(editor: PathEditor, camera: Camera, x: float, y: float) -> fl
     line = editor.find_line()
     if len(line) < 2:
         return float("inf")
-    pixels, depths = camera.project(np.c_[line, np.full(len(line), editor.find_ground())])
+    pixels, depths = camera.project(line)
     start, end = pixels[:-1], pixels[1:]
     along = end - start
     share = ((np.array([x, y]) - start) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-9)

@@ -72,6 +72,8 @@ def test_no_widget_is_on_top_of_another(tour):
         if tour["pixels"] == TINY:  # so small a window has no room for messages, nor for two pictures
             marks = {mark: place for mark, place in marks.items() if not mark.startswith("toast")}
             marks = {} if name.startswith("side by side") else marks
+        if name.startswith("side by side"):  # half a picture has no room for messages, as in `benchmarks.tour`
+            marks = {mark: place for mark, place in marks.items() if not mark.startswith("toast")}
         if name.startswith(("dialog", "menu")):  # what pops up covers what was there, which has its marks still
             behind = {mark for mark in marks if mark in background or mark.startswith("instances.")}
             marks = {mark: place for mark, place in marks.items() if mark not in behind}

@@ -45,7 +45,10 @@ def find_way_keys(document: Document, instance_id: int, time: float) -> tuple[Pa
 
 def _is_of(edit: SetPath | StartDriving, track: Track, ids: Collection[int]) -> bool:
     """Whether an edit has given a track its way."""
-    return edit.id in ids if isinstance(edit, SetPath) else track.id.startswith(f"instance {edit.id}")
+    if isinstance(edit, SetPath):
+        return edit.id in ids
+    name = f"instance {edit.id}"  # and a number where another track has that ID
+    return track.id == name or track.id.startswith(f"{name} ")
 
 
 def _list_ways(document: Document) -> Iterator[SetPath | StartDriving]:

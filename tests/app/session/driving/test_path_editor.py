@@ -1,5 +1,7 @@
 """Keys of ways in the session: dragged as one step, added, deleted, given to what is parked, and undone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, ROAD
@@ -88,6 +90,17 @@ def test_ground_and_several_things_have_no_way(session, ways):
     session.selection.select((FIRST_CAR, FIRST_CAR + 1))
     assert ways.subject == 0
     assert ways.keys == ()
+
+
+def test_keys_lie_on_sloping_ground(session, street, ways):
+    track = street.scene.actors[0]
+    poses = track.world_from_box.copy()
+    poses[:, 2, 3] += 0.5 * track.times
+    street.replace_tracks({1: replace(track, world_from_box=poses)})
+    first, last = ways.find_places()[[0, -1]]
+    assert first[2] == pytest.approx(0.0)
+    assert last[2] == pytest.approx(2.0)
+    assert (np.diff(ways.find_line()[:, 2]) >= 0).all()
 
 
 def test_the_mouse_finds_keys_and_the_way(session, ways):
