@@ -34,8 +34,7 @@ class LiveView:
     def __init__(self, ctx: moderngl.Context, wake: Callable[[], None] = lambda: None) -> None:
         """`wake` is called from another thread when `show` has a newer picture to show."""
         self._ctx, self._wake = ctx, wake
-        if choose_renderer_kind(ctx.info["GL_RENDERER"]) == "cpu":
-            start_warm_up()
+        start_warm_up()  # with a GPU, too: the CPU says what its pixels stand for
         self._renderer: FrameRenderer | None = None
         self._picker = Picker()
         self._kind = choose_renderer_kind(ctx.info["GL_RENDERER"])
