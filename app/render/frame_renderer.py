@@ -91,12 +91,22 @@ def choose_renderer_kind(driver: str, environment: Mapping[str, str] = os.enviro
     return "cpu" if any(name in driver.lower() for name in SOFTWARE_DRIVERS) else "gl"
 
 
+def is_kind_forced(environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether the environment says which renderer is to be used, so that measuring must not change it."""
+    return bool(environment.get(CHOICE, "").strip())
+
+
 def create_renderer(ctx: moderngl.Context, document: Document, wake: Callable[[], None]) -> FrameRenderer:
     """Create a renderer of the document; one that draws on another thread calls `wake` from there for each frame."""
     if choose_renderer_kind(ctx.info["GL_RENDERER"]) == "cpu":
-        from instdrive_app.render.software.renderer import SoftwareRenderer
-
-        return SoftwareRenderer(ctx, document, wake)
+        return create_software_renderer(ctx, document, wake)
     from instdrive_app.render.gl.renderer import GlRenderer
 
     return GlRenderer(ctx, document, wake)
+
+
+def create_software_renderer(ctx: moderngl.Context, document: Document, wake: Callable[[], None]) -> FrameRenderer:
+    """Create the renderer that draws on the CPU, whatever the driver."""
+    from instdrive_app.render.software.renderer import SoftwareRenderer
+
+    return SoftwareRenderer(ctx, document, wake)

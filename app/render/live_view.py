@@ -8,8 +8,15 @@ from collections.abc import Callable
 import moderngl
 import numpy as np
 
-from instdrive_app.render.frame_renderer import FrameRenderer, choose_renderer_kind, create_renderer
+from instdrive_app.render.frame_renderer import (
+    FrameRenderer,
+    choose_renderer_kind,
+    create_renderer,
+    create_software_renderer,
+    is_kind_forced,
+)
 from instdrive_app.render.picking import Picker
+from instdrive_app.render.renderer_trial import RendererTrial
 from instdrive_app.render.shown_frame import ShownFrame
 from instdrive_app.render.software.warm_up import start_warm_up
 from instdrive_app.state import EditorState, FrameSnapshot, resolve
@@ -27,10 +34,12 @@ class LiveView:
     def __init__(self, ctx: moderngl.Context, wake: Callable[[], None] = lambda: None) -> None:
         """`wake` is called from another thread when `show` has a newer picture to show."""
         self._ctx, self._wake = ctx, wake
-        if choose_renderer_kind(ctx.info["GL_RENDERER"]) == "cpu":
-            start_warm_up()
+        start_warm_up()  # with a GPU, too: the CPU says what its pixels stand for
         self._renderer: FrameRenderer | None = None
         self._picker = Picker()
+        self._kind = choose_renderer_kind(ctx.info["GL_RENDERER"])
+        self._trial: RendererTrial | None = None
+        self._was_tried = False
         self._document: Document | None = None
         self._sharp_seconds = 0.0
         self._moved_at = 0.0
@@ -41,8 +50,7 @@ class LiveView:
     @property
     def backend(self) -> str:
         """The graphics driver's name for the device, or ``CPU`` if the CPU draws."""
-        driver = self._ctx.info["GL_RENDERER"]
-        return "CPU" if choose_renderer_kind(driver) == "cpu" else driver.split("(")[0].strip()
+        return "CPU" if self._kind == "cpu" else self._ctx.info["GL_RENDERER"].split("(")[0].strip()
 
     @property
     def gl_error(self) -> str | None:
@@ -64,13 +72,16 @@ class LiveView:
     @property
     def settled(self) -> bool:
         """Whether the picture is sharp and current, so that nothing is left to be drawn."""
-        return self.snapshot is not None and not self.snapshot.draft and self.renderer.settled
+        is_sharp = self.snapshot is not None and not self.snapshot.draft
+        return is_sharp and self.renderer.settled and self._trial is None
 
     def show(self, document: Document, state: EditorState, width: int, height: int) -> moderngl.Texture:
         """Return the picture for a viewport of this size (pixels); draws only if something has changed, never waits."""
         if document is not self._document:
             self.release()
             self._renderer, self._document = create_renderer(self._ctx, document, self._wake), document
+            self._kind, self._was_tried = choose_renderer_kind(self._ctx.info["GL_RENDERER"]), False
+        self._hold_trial()
         renderer = self.renderer
         renderer.free_retired()
         wanted = resolve(state, width, height, draft=self._is_draft(state))
@@ -80,6 +91,7 @@ class LiveView:
         self.snapshot = shown if same_size else None
         if shown is not None and not shown.draft:
             self._sharp_seconds = renderer.frame_seconds
+        self._start_trial(wanted)
         assert renderer.picture is not None, "a frame was just drawn"
         return renderer.picture
 
@@ -108,9 +120,33 @@ class LiveView:
 
     def release(self) -> None:
         """Free everything on the GPU, and end the thread that draws."""
+        if self._trial is not None:
+            self._trial.rival.release()
         if self._renderer is not None:
             self._renderer.release()
+        self._trial = None
         self._renderer = self._document = self.snapshot = None
+
+    def _start_trial(self, shown: FrameSnapshot) -> None:
+        """Let the CPU draw the scene, too, where OpenGL takes long: drivers do not say how fast they are."""
+        document, renderer = self._document, self.renderer
+        if document is None or self._kind == "cpu" or self._was_tried or is_kind_forced() or shown.draft:
+            return
+        if renderer.settled and renderer.frame_seconds > SMOOTH_SECONDS:
+            rival = create_software_renderer(self._ctx, document, self._wake)
+            self._trial, self._was_tried = RendererTrial(rival, shown, renderer.frame_seconds), True
+
+    def _hold_trial(self) -> None:
+        """Go on with a trial, between two window frames, and let the faster renderer stay."""
+        if self._trial is None or self._renderer is None:
+            return
+        is_faster, rival = self._trial.find_winner(), self._trial.rival
+        if is_faster is None:
+            return
+        self._trial = None
+        if is_faster:
+            rival, self._renderer, self._kind = self._renderer, rival, "cpu"
+        rival.release()
 
     def _is_draft(self, state: EditorState) -> bool:
         now, look = time.monotonic(), (state.viewpoint.world_from_camera.tobytes(), state.time)

@@ -49,7 +49,7 @@ def describe_driver(context: moderngl.Context) -> str:
 
 def draw_blended(context: moderngl.Context, document: Document, snapshot: FrameSnapshot) -> Float32[ndarray, "h w 4"]:
     """Draw one colour frame, premultiplied over the sky; alpha is coverage. Raises ShaderError or GraphicsError."""
-    renderer = GlRenderer(context, document)
+    renderer = GlRenderer(context, document, in_full_floats=True)
     try:
         renderer.render(snapshot)
         blended = renderer.read_blended()

@@ -37,9 +37,19 @@ from instdrive_core.scene.selection import Flag
 class GlRenderer:
     """A `FrameRenderer` on OpenGL: draws off screen, and `picture` is what the window shows."""
 
-    def __init__(self, ctx: moderngl.Context, document: Document, wake: Callable[[], None] = lambda: None) -> None:
-        """`wake` is called from another thread when a still view's pixels know what they stand for."""
-        self._ctx, self._document = ctx, document
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        document: Document,
+        wake: Callable[[], None] = lambda: None,
+        in_full_floats: bool = False,
+    ) -> None:
+        """
+        Args:
+            wake: called from another thread when a still view's pixels know what they stand for.
+            in_full_floats: colours are blended in 32 bits instead of 16, to be compared with others.
+        """
+        self._ctx, self._document, self._in_full_floats = ctx, document, in_full_floats
         self.scene = GpuScene(ctx, document)
         self._projector = Projector(ctx, len(document.scene))
         self._sky, self._color, self._ids = SkyPass(ctx), ColorPass(ctx, self._projector), IdPass(ctx, self._projector)
@@ -153,7 +163,7 @@ class GlRenderer:
     def read_blended(self) -> Float32[ndarray, "h w 4"]:
         """Read the blended target of the last colour or depth frame: premultiplied over the sky; alpha is coverage."""
         assert self._targets is not None, "render was never called"
-        kind = np.float32 if self._targets.shows_depth else np.float16
+        kind = np.float32 if self._targets.in_full_floats else np.float16
         pixels = np.frombuffer(self._targets.blended.read(alignment=1), kind)
         width, height = self._targets.blended_size
         return pixels.reshape(height, width, 4).astype(np.float32)
@@ -173,9 +183,9 @@ class GlRenderer:
         size = (snapshot.camera.width, snapshot.camera.height)
         factor = DRAFT_FACTOR if snapshot.draft else 1
         blended_size = (max(1, size[0] // factor), max(1, size[1] // factor))
-        shows_depth = snapshot.view_mode is ViewMode.DEPTH
-        targets, wanted = self._targets, (size, blended_size, shows_depth)
-        if targets is None or (targets.size, targets.blended_size, targets.shows_depth) != wanted:
+        in_full = self._in_full_floats or snapshot.view_mode is ViewMode.DEPTH  # half floats are too coarse for metres
+        targets, wanted = self._targets, (size, blended_size, in_full)
+        if targets is None or (targets.size, targets.blended_size, targets.in_full_floats) != wanted:
             if targets is not None:
                 self._retired.append(targets)
             targets = self._targets = Targets(self._ctx, *wanted)

@@ -12,11 +12,11 @@ class Targets:
     """Where the passes draw: `blended` (colour or depth, may be smaller), `rows`, `mask`, and `shown` for the user."""
 
     def __init__(
-        self, ctx: moderngl.Context, size: tuple[int, int], blended_size: tuple[int, int], shows_depth: bool = False
+        self, ctx: moderngl.Context, size: tuple[int, int], blended_size: tuple[int, int], in_full_floats: bool
     ) -> None:
-        """With `shows_depth`, `blended` holds metres, for which half floats are too coarse."""
-        self.size, self.blended_size, self.shows_depth = size, blended_size, shows_depth
-        self.blended = ctx.texture(blended_size, 4, dtype="f4" if shows_depth else "f2")
+        """`blended` holds floats of 16 bits, or of 32."""
+        self.size, self.blended_size, self.in_full_floats = size, blended_size, in_full_floats
+        self.blended = ctx.texture(blended_size, 4, dtype="f4" if in_full_floats else "f2")
         self.blended.repeat_x = self.blended.repeat_y = False
         self.blended_buffer = ctx.framebuffer([self.blended])
         self.rows = _create_integer_texture(ctx, size, "u4")

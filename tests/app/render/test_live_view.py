@@ -9,6 +9,7 @@ from procedural_street import DRIVING_CAR, FIRST_CAR, procedural_street
 
 from instdrive_app import camera
 from instdrive_app.pointer import Click
+from instdrive_app.render import frame_renderer, live_view, renderer_trial
 from instdrive_app.render.frame_renderer import CHOICE, choose_renderer_kind
 from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.live_view import SETTLE_SECONDS, LiveView
@@ -240,3 +241,45 @@ def test_what_the_render_thread_raises_reaches_the_window(cpu_view, street, monk
     monkeypatch.setattr(SoftwareDraw, "__call__", broken)
     with pytest.raises(MemoryError, match="no room"):
         settle(cpu_view, street, state_at(street))
+
+
+def wait_until(done, view, document, state):
+    deadline = time.monotonic() + PATIENCE
+    while not done():
+        assert time.monotonic() < deadline
+        view.show(document, state, *SIZE)
+        time.sleep(0.002)
+
+
+@pytest.mark.parametrize("gain", [1e9, 0.0], ids=["the CPU is faster", "OpenGL is faster"])
+def test_the_faster_renderer_stays_whatever_the_driver_is_called(gl, street, monkeypatch, gain):
+    """A driver whose name promises a GPU draws slowly; what the CPU draws beside it is measured, once."""
+    monkeypatch.delenv(CHOICE, raising=False)
+    monkeypatch.setattr(frame_renderer, "SOFTWARE_DRIVERS", ())
+    monkeypatch.setattr(renderer_trial, "GAIN", gain)
+    monkeypatch.setattr(live_view, "SMOOTH_SECONDS", 0.0)
+    made, state = LiveView(gl), EditorState(viewpoint=camera.view_from_camera(street.scene.views[0]))
+    assert made.backend != "CPU"
+    wait_until(lambda: made._was_tried, made, street, state)
+    assert not made.settled
+    wait_until(lambda: made._trial is None, made, street, state)
+    assert (made.backend == "CPU") == isinstance(made.renderer, SoftwareRenderer) == (gain > 0)
+    wait_until(lambda: made.settled, made, street, state)
+    row = made.find_row_at(SIZE[0] / 2, SIZE[1] - 10)
+    assert row is not None
+    street.apply(DeleteInstances((FIRST_CAR,)))
+    made.show(street, state, *SIZE)
+    wait_until(lambda: made.settled, made, street, state)
+    assert made._trial is None, "it is tried once"
+    made.release()
+    assert gl.error == "GL_NO_ERROR"
+
+
+def test_nothing_is_tried_where_the_environment_has_chosen(gl, street, monkeypatch):
+    monkeypatch.setenv(CHOICE, "gl")
+    monkeypatch.setattr(live_view, "SMOOTH_SECONDS", 0.0)
+    made, state = LiveView(gl), EditorState(viewpoint=camera.view_from_camera(street.scene.views[0]))
+    wait_until(lambda: made.snapshot is not None and made.settled and made.frame_seconds, made, street, state)
+    made.show(street, state, *SIZE)
+    assert not made._was_tried
+    made.release()

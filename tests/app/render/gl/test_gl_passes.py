@@ -57,7 +57,7 @@ def edit_street(document):
 
 @pytest.mark.parametrize("index", [0, 3, 6])
 @pytest.mark.parametrize("change", [lambda document: None, edit_street], ids=["as trained", "edited"])
-def test_color_equals_the_cpu_rasterizer(renderer, street, index, change):
+def test_color_equals_the_cpu_rasterizer(gl, renderer, street, index, change):
     change(street)
     snapshot = resolve(state_at(street, index), *SIZE)
     renderer.render(snapshot)
@@ -69,6 +69,12 @@ def test_color_equals_the_cpu_rasterizer(renderer, street, index, change):
     assert np.quantile(error, 0.999) < 1e-2
     shown = renderer.read_picture() / 255
     assert np.abs(shown - expected[..., :3].clip(0, 1)).mean() < 3e-3
+    exact = GlRenderer(gl, street, in_full_floats=True)
+    exact.render(snapshot)
+    error = np.abs(exact.read_blended() - expected)
+    exact.release()
+    assert error.mean() < 1e-4
+    assert np.quantile(error, 0.999) < 5e-3
 
 
 def test_depth_equals_the_cpu_rasterizer(renderer, street):
