@@ -250,7 +250,7 @@ def find_out_problem(run: Path, source: Path) -> str:
     state = _read_state(run)
     if state is not None:
         return "" if state.request.source == str(source.resolve()) else "This folder holds another job; choose another"
-    return find_folder_problem(run)
+    return find_job_folder_problem(run)
 
 
 def find_result(run: Path) -> Path:
@@ -259,7 +259,7 @@ def find_result(run: Path) -> Path:
     return project if project.is_file() else run
 
 
-def find_folder_problem(run: Path) -> str:
+def find_job_folder_problem(run: Path) -> str:
     """Say why a folder cannot be that of a new job; empty where it can."""
     if os.path.isfile(run):
         return "There is a file of this name; choose a folder"

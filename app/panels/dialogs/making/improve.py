@@ -14,7 +14,7 @@ from instdrive_app.panels.dialogs.making.job_fields import draw_minutes, propose
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.preferences.themes import ERROR
-from instdrive_app.session.making.job_controller import find_folder_problem
+from instdrive_app.session.making.job_controller import find_job_folder_problem
 from instdrive_app.session.requests import AskImprove
 from instdrive_core.wording import phrase
 
@@ -72,4 +72,4 @@ class ImproveDialog:
             return ui.session.improver.obstacle
         if not self._out.strip() or not is_displayable(out):
             return phrase("Enter the folder of the new scene")
-        return find_folder_problem(out)
+        return find_job_folder_problem(out)
