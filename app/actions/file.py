@@ -10,7 +10,7 @@ from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.files.sample import find_sample_scene, has_sample_scene
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.making.job_controller import REPORT
-from instdrive_app.session.requests import AskExport, AskNewScene, AskPath, AskRecord, ShowPanel
+from instdrive_app.session.requests import AskExport, AskImprove, AskNewScene, AskPath, AskRecord, ShowPanel
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -37,6 +37,17 @@ def _list_opening(session: EditorSession) -> list[Action]:
             ("Ctrl+N",),
             icon="ICON_FA_WAND_MAGIC_SPARKLES",
             words=("train", "make", "capture", "reconstruct", "video", "photos"),
+        ),
+        Action(
+            "file.improve",
+            "Improve…",
+            put_request(session, AskImprove()),
+            "File",
+            enabled=lambda: is_editable(session) and session.improver.base is not None,
+            icon="ICON_FA_ARROW_TREND_UP",
+            words=("train", "refine", "quality", "sharper", "more steps"),
+            needs="The open scene is no run, so its photos are not known; open a run or a project on one",
+            undoable=False,
         ),
         Action(
             "file.open", "Open…", put_request(session, AskPath("open")), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"

@@ -27,6 +27,7 @@ from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
 from instdrive_app.session.light.shadow_controller import ShadowController
 from instdrive_app.session.making.drive_recorder import DriveRecorder
+from instdrive_app.session.making.improver import Improver
 from instdrive_app.session.making.job_controller import JobController
 from instdrive_app.session.making.run_comparison import RunComparison
 from instdrive_app.session.mapping.map_painter import MapPainter
@@ -75,6 +76,7 @@ class EditorSession:
         self.aids = Aids(context)
         self.files = DocumentFiles(context, self._enter, self._store_more, self._get_more_version)
         self.making = JobController(context, self.files)
+        self.improver = Improver(context, self.files, self.making)
         self.comparison = RunComparison(context, self.making.known, self.files.recents)
         self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)

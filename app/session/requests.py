@@ -146,6 +146,11 @@ class AskNewScene(Request):
 
 
 @dataclass(frozen=True)
+class AskImprove(Request):
+    """Ask how long the open scene is to train on, and into which folder."""
+
+
+@dataclass(frozen=True)
 class AskLeaveJob(Request):
     """Ask what becomes of the job that runs when the editor closes."""
 

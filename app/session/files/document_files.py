@@ -27,7 +27,7 @@ from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import SceneChangedError, SceneTooLargeError
 from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.project.recoverable import RecoverableSession, find_pending_sessions
-from instdrive_core.project.save import capture_project_state, is_project, write_project
+from instdrive_core.project.save import ProjectState, capture_project_state, is_project, write_project
 from instdrive_core.scene.lint import Defect
 from instdrive_core.wording import phrase
 
@@ -141,6 +141,13 @@ class DocumentFiles:
             return recover_for_editing(session, accept_changed)
 
         self._jobs.submit(phrase("Recovering {title}", title=session.title), work, show, on_failure=handle_failure)
+
+    def capture(self) -> ProjectState:
+        """Take the open document's edits, saved or not, and the view. Raises DataError where it comes from no file."""
+        document = self._context.document
+        if document is None:
+            raise ValueError("no document is open")
+        return capture_project_state(document, store_view(self._context.state) | self._store_more())
 
     def save(self, path: Path | None = None, then: Callable[[], None] = do_nothing) -> None:
         """Write the project in the background, to its own file where no path is given; `then` follows a success.

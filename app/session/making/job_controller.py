@@ -1,4 +1,4 @@
-"""The job that makes a scene of photos, a video or a drive: begun here, run elsewhere, watched here again."""
+"""The job that makes a scene, or trains one on: begun here, run elsewhere, watched here again."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ from instdrive_core.jobs.job_file import (
     has_job,
     is_job_running,
     locate_job_file,
+    locate_project,
     read_job_state,
 )
 from instdrive_core.wording import phrase
@@ -69,6 +70,8 @@ class JobController:
         """State of that job; None until its process has written one."""
         self.figures: dict[str, Any] = {}
         """Figures of the evaluation of the job's run; empty before that."""
+        self.open_improved: Callable[[Path], None] = lambda run: files.leave_for(find_result(run))
+        """Opens what a job has trained on; set by `Improver`, which knows the edits made since."""
         self.look: SourceLook | None = None
         """What is known of the source chosen last."""
 
@@ -103,6 +106,10 @@ class JobController:
         """Begin a job in a folder; one that it holds goes on."""
         self._start(run, "make", str(source), "--out", str(run), "--minutes", f"{minutes:g}")
 
+    def begin_improving(self, source: Path, run: Path, minutes: float) -> None:
+        """Begin to train a run or project on in a folder that holds its edits."""
+        self._start(run, "improve", str(source), "--out", str(run), "--minutes", f"{minutes:g}")
+
     def go_on(self) -> None:
         """Let the job go on, whether it holds, was stopped or was killed."""
         if self.run is None or self.state is None:
@@ -110,7 +117,7 @@ class JobController:
         if self._is_alive:
             self.ask("run")
         else:
-            self._start(self.run, "make", self.state.request.source, "--out", str(self.run))
+            self._start(self.run, self.state.request.kind, self.state.request.source, "--out", str(self.run))
 
     def ask(self, wish: Wish) -> None:
         """Ask the running job to hold, to go on or to stop; it does so within a few steps."""
@@ -136,7 +143,7 @@ class JobController:
         The user is asked about one whose process was killed.
         """
         run = next((run for run in self.known.paths if _read_state(run) is not None), None)
-        if run is None or run in self._files.recents.paths:
+        if run is None or {run, find_result(run)} & set(self._files.recents.paths):
             return
         self.follow(run)
         if self.is_interrupted and self.state is not None and self.state.status in ("running", "paused"):
@@ -156,7 +163,11 @@ class JobController:
 
     def open_scene(self) -> None:
         """Open what the job made."""
-        if self.run is not None:
+        if self.run is None:
+            return
+        if self.state is not None and self.state.request.kind == "improve":
+            self.open_improved(self.run)
+        else:
             self._files.leave_for(self.run)
 
     def open_report(self) -> None:
@@ -239,6 +250,17 @@ def find_out_problem(run: Path, source: Path) -> str:
     state = _read_state(run)
     if state is not None:
         return "" if state.request.source == str(source.resolve()) else "This folder holds another job; choose another"
+    return find_job_folder_problem(run)
+
+
+def find_result(run: Path) -> Path:
+    """Find what a job's folder is opened by: the project with the edits of a scene that was trained on, or itself."""
+    project = locate_project(run)
+    return project if project.is_file() else run
+
+
+def find_job_folder_problem(run: Path) -> str:
+    """Say why a folder cannot be that of a new job; empty where it can."""
     if os.path.isfile(run):
         return "There is a file of this name; choose a folder"
     if os.path.isdir(run) and os.listdir(run):

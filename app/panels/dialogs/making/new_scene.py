@@ -8,22 +8,21 @@ from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.files.file_names import find_documents_folder, find_working_folder, is_displayable
+from instdrive_app.files.file_names import find_working_folder, is_displayable
 from instdrive_app.files.folder_listing import list_folder
 from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
+from instdrive_app.panels.dialogs.making.job_fields import draw_minutes, propose_run_folder
 from instdrive_app.panels.widgets.theme import rgba
-from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon
 from instdrive_app.preferences.themes import ERROR
 from instdrive_app.session.making.job_controller import SourceLook, find_out_problem
 from instdrive_app.session.requests import AskNewScene
-from instdrive_core.wording import phrase
 
 TITLE = "New from photos, video or a drive"
 VIDEO_ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 QUALITIES = (("First look", 5.0), ("Good", 20.0), ("Fine", 60.0))
 """Names and minutes that are proposed."""
-LEAST_MINUTES, MOST_MINUTES = 0.1, 10_000.0
 _TYPING_SECONDS = 0.4
 """A path is looked at when nothing was typed for so long."""
 _STAY = imgui.SelectableFlags_.no_auto_close_popups
@@ -131,25 +130,7 @@ class NewSceneDialog:
 
     def _draw_quality(self, ui: Ui) -> None:
         imgui.separator()
-        for name, minutes in QUALITIES:
-            if imgui.radio_button(
-                make_label("{quality}, {minutes:.0f} min", f"quality {name}", quality=phrase(name), minutes=minutes),
-                self._minutes == minutes,
-            ):
-                self._minutes = minutes
-            ui.mark(f"new.quality.{name}")
-            imgui.same_line()
-        imgui.set_next_item_width(6 * imgui.get_font_size())
-        changed, minutes = imgui.input_float(make_label("minutes"), self._minutes, 0.0, 0.0, "%g")
-        ui.mark("new.minutes")
-        if changed and LEAST_MINUTES <= minutes <= MOST_MINUTES:
-            self._minutes = minutes
-        draw_dim_text(
-            fit_text(
-                translate("Some steps are timed on this machine first; then the minutes decide how long it trains."),
-                imgui.get_content_region_avail().x,
-            )
-        )
+        self._minutes = draw_minutes(ui, "new", QUALITIES, self._minutes)
 
     def _draw_out(self, ui: Ui, source: Path) -> Path:
         """The folder of the run: proposed after the source until the user types another."""
@@ -177,9 +158,7 @@ def _order_facts(facts: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
 def _propose_folder(source: Path) -> Path:
     """A new folder among the user's documents, named after the source."""
     stem = source.stem if os.path.isfile(source) else source.name
-    folder, name = find_documents_folder(), f"{stem or 'new'} scene"
-    tries = (folder / (name if number == 1 else f"{name} {number}") for number in range(1, 1000))
-    return next((path for path in tries if not os.path.lexists(path)), folder / name)
+    return propose_run_folder(f"{stem or 'new'} scene")
 
 
 def may_be_source(path: Path) -> bool:
