@@ -185,7 +185,9 @@ class Trainer:
             terms |= compute_terms(INSTANCE_TERMS, self._sample_joint_pixels(view, drawn))
 
         self._backward(terms, step.psnr)
-        if not coarse:
+        if self.named_masks is not None:
+            self._hold_poses()
+        elif not coarse:
             self._descend_camera(number, camera, drawn)
         self._descend(drawn)
 
@@ -290,6 +292,12 @@ class Trainer:
             return
         force, torque = self.backend.sum_rigid_gradient(means, quats, means.grad, quats.grad)
         self.cameras.step(number, camera, force, torque, self.iteration / self.config.geometry.iterations)
+
+    def _hold_poses(self) -> None:
+        """Leave cameras and tracks where they are: they would follow ragged masks, photo by photo, and held-out photos
+        would show it."""
+        for correction in self.model.corrections.values():
+            correction.grad = None
 
     def _descend_features(self, seen: tuple[Tensor, Tensor, Tensor | None] | None) -> None:
         """Descend along the voxel loss's gradient of all features, and the blended map's of those that a view saw:
