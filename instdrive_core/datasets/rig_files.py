@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.files.plain_file import require_plain_file
+from instdrive_core.files.text_file import read_text
 from instdrive_core.maths.rotations import matrix_from_quaternion
 
 FARTHEST = 1e9

@@ -90,6 +90,8 @@ class Stream(IntEnum):
 
     LIDAR_NOISE = 1601
     """Noise of the ranges of recorded sweeps; by time step."""
+    LIDAR_DROP = 1602
+    """Which rays of recorded sweeps are lost; by time step."""
 
     SOG_PALETTE = 1501
     """First centres of the palette of a .sog file's harmonics."""

@@ -93,7 +93,7 @@ def take_drive(document: Document, options: RecordOptions) -> Drive:
     if annotated and is_turned:
         annotated, note = (), "the scene was turned, so boxes of standing things are fitted to their splats"
     left = np.flatnonzero(~document.state.find_mask(Flag.DELETED))
-    lidar = choose_lidar(options.lidar, None if is_turned else run, document.scene, left)
+    lidar = choose_lidar(options.lidar, None if is_turned else run, document.scene, left, options.ray_drop)
     cast_sweep = build_sweep_caster(edited, lidar, plan_rig_views(edited, options)) if lidar is not None else None
     own = {view.name for view in edited.views}
     foreign = sorted({view.name for view in views} - own)

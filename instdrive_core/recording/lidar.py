@@ -19,6 +19,7 @@ from instdrive_core.recording.sweep_files import CastSweep, MomentSweep
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 from instdrive_core.sweeps.cast import RayCaster
+from instdrive_core.sweeps.drops import RayDrop, learn_drop
 from instdrive_core.sweeps.intensity import learn_intensities
 from instdrive_core.sweeps.offsets import learn_offsets
 from instdrive_core.sweeps.pattern import Pattern, trace_pattern
@@ -39,11 +40,15 @@ class Lidar:
     """By splat of the edited scene."""
     offsets: Float32[ndarray, " n"] | None = None
     """By splat, metres from where it is densest to its surface; None where no sweep says it."""
+    drop: RayDrop | None = None
+    """How often its rays are lost, by splat of the edited scene; None: none is."""
     notes: tuple[str, ...] = ()
     """What the user should know."""
 
 
-def choose_lidar(name: str | None, run: Path | None, opened: Scene, rows: Int64[ndarray, " n"]) -> Lidar | None:
+def choose_lidar(
+    name: str | None, run: Path | None, opened: Scene, rows: Int64[ndarray, " n"], ray_drop: bool = False
+) -> Lidar | None:
     """Choose the LiDAR that is asked for; None for none.
 
     Args:
@@ -52,8 +57,9 @@ def choose_lidar(name: str | None, run: Path | None, opened: Scene, rows: Int64[
         run: folder of the run, which names its clip; None where the scene is no longer in its clip's world.
         opened: the scene with what edits added, nothing moved or deleted.
         rows: row of `opened` for each splat of the edited scene.
+        ray_drop: whether surfaces lose rays as often as in the clip's sweeps.
 
-    Raises OptionError where `own` is asked for and no sweeps are at hand.
+    Raises OptionError where `own` or ray drop is asked for and no sweeps are at hand.
     """
     if name == NONE:
         return None
@@ -63,21 +69,30 @@ def choose_lidar(name: str | None, run: Path | None, opened: Scene, rows: Int64[
         if name is None:
             return None
         raise OptionError(f"there are no sweeps to learn the own LiDAR from: {problem or 'the clip has none'}")
+    if ray_drop and not has_sweeps:
+        raise OptionError(f"there are no sweeps to learn the ray drop from: {problem or 'the clip has none'}")
     notes = []
     described = None if name in (None, OWN) else find_sensor(name)
     if clip is None or not has_sweeps:
         intensities = np.zeros(len(rows), np.float32)
         notes.append("the run's sweeps are not at hand: the LiDAR's intensity is 0 everywhere")
-        return Lidar(lambda _: described or find_sensor(OWN), intensities, None, tuple(notes))
+        return Lidar(lambda _: described or find_sensor(OWN), intensities, notes=tuple(notes))
     with report_span(0.0, 0.3):
         intensities = learn_intensities(opened, clip)[rows]
     rig, caster = build_rig([frame.view for frame in clip.frames]), RayCaster(opened)
     sweeps = clip.training_sweeps
-    place = find_sensor_place(caster, rig, sweeps[len(sweeps) // 2])
-    with report_span(0.3, 1.0):
+    place = find_sensor_place(rig, sweeps)
+    with report_span(0.3, 0.6 if ray_drop else 1.0):
         offsets = learn_offsets(caster, rig, sweeps, place)[rows]
+    drop = None
+    if ray_drop:
+        with report_span(0.6, 1.0):
+            drop = learn_drop(caster, rig, sweeps, place)
+        if described is None:
+            described = drop.grid
+        drop = drop.of_rows(rows)
     find = _trace_own(rig, sweeps, place) if described is None else lambda _: described
-    return Lidar(find, intensities, offsets, tuple(notes))
+    return Lidar(find, intensities, offsets, drop, tuple(notes))
 
 
 def build_sweep_caster(scene: Scene, lidar: Lidar, views: Sequence[CameraView]) -> CastSweep:
@@ -95,13 +110,19 @@ def build_sweep_caster(scene: Scene, lidar: Lidar, views: Sequence[CameraView]) 
         key = (pattern.near, pattern.far)
         if key not in casters:
             casters[key] = RayCaster(scene, *key, offsets=lidar.offsets)
-        return cast_pattern(casters[key], pattern, rig, moment, lidar.intensities, step)
+        return cast_pattern(casters[key], pattern, rig, moment, lidar.intensities, step, lidar.drop)
 
     return cast
 
 
 def cast_pattern(
-    caster: RayCaster, pattern: Pattern, rig: Rig, moment: float, intensities: Float32[ndarray, " n"], number: int
+    caster: RayCaster,
+    pattern: Pattern,
+    rig: Rig,
+    moment: float,
+    intensities: Float32[ndarray, " n"],
+    number: int,
+    drop: RayDrop | None = None,
 ) -> MomentSweep:
     """Cast one sweep of a sensor; rays that meet nothing give no point.
 
@@ -111,11 +132,12 @@ def cast_pattern(
         rig: carries the sensor.
         moment: of the sweep, seconds.
         intensities: by splat of the scene.
-        number: of the sweep; equal numbers give equal noise.
+        number: of the sweep; equal numbers give equal noise and lose equal rays.
+        drop: how often splats of the scene lose rays; None: never.
     """
     scene, rays = caster.scene, pattern.aim(rig, moment)
     returns = caster.cast(rays)
-    met = np.flatnonzero(np.isfinite(returns.ranges))
+    met = np.flatnonzero(np.isfinite(returns.ranges) if drop is None else drop.draw_kept(returns, number))
     ranges = returns.ranges[met].astype(np.float64)
     if pattern.noise:
         ranges += make_generator(0, Stream.LIDAR_NOISE, number).normal(0, pattern.noise, len(met))

@@ -50,6 +50,8 @@ class RecordOptions:
     """How cameras expose their lines; None: all at once."""
     rig: Path | None = None
     """JSON file of the cameras that record; None: the drive's own."""
+    ray_drop: bool = False
+    """Whether surfaces lose rays of the LiDAR as often as in the clip's own sweeps."""
     depth_format: DepthFormat = "npz"
     """How depth in metres is written, beside the pictures in millimetres."""
 

@@ -85,6 +85,7 @@ def record_drive(folder: Path, drive: Drive) -> dict[str, Any]:
         "lidar": None if cast_sweep is None else drive.sensor,
         "views": [describe_view(view) for view in views],
         **_describe_shutter(drive),
+        **({"ray_drop": True} if drive.lidar is not None and drive.lidar.drop is not None else {}),
         **({} if drive.depth_format == "npz" else {"depth": drive.depth_format}),
     }
     begun = check_folder(folder, plan)

@@ -9,7 +9,6 @@ from test_cast_rays import FAR_WALL, NEAR_PANEL, PANEL, WALL, make_scene
 from instdrive_core.datasets.clip import Clip, Sweep, SweepPoints
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.scene.camera import Camera, CameraView
-from instdrive_core.sweeps.cast import RayCaster
 from instdrive_core.sweeps.intensity import learn_intensities
 from instdrive_core.sweeps.pattern import trace_pattern
 from instdrive_core.sweeps.place import find_sensor_place
@@ -78,23 +77,25 @@ def test_an_unknown_sensor_lists_the_known_ones():
         find_sensor("VLP-17")
 
 
-def test_a_clips_own_sensor_is_traced_and_not_from_too_low():
-    """Points on two walls, measured from 0.6 m above the cameras."""
-    scene = make_scene([FAR_WALL, NEAR_PANEL], [WALL, PANEL])
-    rig = build_rig(views_at([0.0, 0.1, 0.2]))
-    eye = np.array([1.0, 0.5, 1.5 + 0.6])
-    rng = np.random.default_rng(0)
-    aims = np.c_[np.full(900, 19.0), rng.uniform(-5, 5, 900), rng.uniform(-6, 3, 900)]
-    through = aims * (11 / 19)
-    off_middle = np.abs(eye[1:] + through[:, 1:]).max(axis=1)
-    clear = (off_middle < 1.0) | (off_middle > 1.7)  # not at the panel's soft edge
-    points = (eye + np.where(off_middle[:, None] < 1.0, through, aims))[clear]
-    sweep = sweep_of(points)
-    place = find_sensor_place(RayCaster(scene), rig, sweep)
-    assert place[2] >= 0.4, "from lower down the panel hides some of it"
-    pattern = trace_pattern(rig, 0.1, sweep.load(), place)
+def test_the_place_of_a_sensor_is_that_from_which_sweeps_look_in_equal_directions():
+    """Sixteen beams, a room of other walls in each sweep, a sensor that sits aside."""
+    rig, seat = build_rig(views_at([0.0, 0.1, 0.2])), np.array([-0.42, 0.11, 0.33])
+    beams, turns = np.radians(np.linspace(-12, 6, 16)), np.radians(np.arange(0, 360, 1.5))
+    height, turn = (each.ravel() for each in np.meshgrid(beams, turns))
+    aims = np.c_[np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)]
+    sweeps = []
+    for number in range(2):
+        reach = 14 + 3 * number + (4 + number) * np.sin(3 * turn + number) + 30 * (height > 0.05)
+        places, axes = rig.place(np.full(len(aims), 0.1))
+        points = places + np.einsum("nij,nj->ni", axes, seat + reach[:, None] * aims)
+        sweeps.append(sweep_of(points))
+    place = find_sensor_place(rig, sweeps)
+    np.testing.assert_allclose(place, seat, atol=0.06)
+    pattern = trace_pattern(rig, 0.1, sweeps[0].load(), place)
     rays = pattern.aim(rig, 0.1)
-    np.testing.assert_allclose(rays.origins + pattern.ranges[:, None] * rays.directions, points, atol=1e-4)
+    reached = rays.origins + pattern.ranges[:, None] * rays.directions
+    np.testing.assert_allclose(reached, sweeps[0].load().points, atol=1e-4)
+    assert find_sensor_place(rig, sweeps[:1]).tolist() == [0.0, 0.0, 0.4], "one sweep does not say it"
 
 
 def test_steps_without_all_cameras_are_passed_over():

@@ -53,6 +53,7 @@ def simulate_drive(
     confidence: bool = False,
     depth_format: DepthFormat = "npz",
     lidar: str | None = None,
+    ray_drop: bool = False,
     shutter: str | None = None,
     rig: Path | None = None,
     video: tuple[Literal["mp4", "webm"], ...] = (),
@@ -79,6 +80,7 @@ def simulate_drive(
             channel Z).
         lidar: The sensor whose sweeps are recorded, too: own (as the clip's sweeps show it), VLP-16, HDL-64E, OS1-128,
             PANDAR128, a JSON file that describes one, or none. Default: own, where the run's clip has sweeps.
+        ray_drop: Let surfaces lose rays as often as in the clip's own sweeps; which ones is drawn anew for each sweep.
         shutter: Record through a rolling shutter: seconds from a picture's first to its last line, such as 0.03; with
             0.03@left the exposed line goes to the left (down, up, left, right; default: down).
         rig: JSON file of the cameras that record instead of the drive's own: those kept, moved or given other lenses,
@@ -96,7 +98,9 @@ def simulate_drive(
     rolling = None if shutter is None else parse_shutter(shutter)
     drive = open_drive(
         scene,
-        RecordOptions(cameras, *part, width, expose, flow, changes, confidence, lidar, rolling, rig, depth_format),
+        RecordOptions(
+            cameras, *part, width, expose, flow, changes, confidence, lidar, rolling, rig, ray_drop, depth_format
+        ),
     )
     for note in drive.notes:
         print(note)

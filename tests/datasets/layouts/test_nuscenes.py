@@ -96,7 +96,7 @@ def test_missing_files_are_counted(root):
 
 
 def test_there_is_a_map_and_boxes_tell_their_points(root):
-    """As nuscenes-devkit wants it: `benchmarks.devkits` lets that open a recording."""
+    """What nuscenes-devkit needs: `benchmarks.devkits` lets that open a recording."""
 
     def read(name):
         return json.loads((tables(root) / f"{name}.json").read_text())
