@@ -15,6 +15,10 @@ from safetensors.numpy import load, save
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.atomic import write_bytes
 from instdrive_core.files.json_fields import read_json, require_field
+from instdrive_core.improving.base import BaseRun, locate_base_run, open_base_run
+from instdrive_core.improving.improvement import Improvement, run_improvement
+from instdrive_core.improving.settings import build_improving_config
+from instdrive_core.improving.timing import measure_improving_step
 from instdrive_core.jobs.desk import JobDesk
 from instdrive_core.jobs.job_file import EDITS, JobStage, describe_seconds, locate_job_file, locate_project
 from instdrive_core.jobs.pacing import choose_pace
@@ -24,10 +28,6 @@ from instdrive_core.project.carrying.edited_rows import find_edited_rows
 from instdrive_core.project.open import open_project
 from instdrive_core.project.save import is_project, save_project
 from instdrive_core.project.sources import get_sources
-from instdrive_core.training.improving.base import BaseRun, locate_base_run, open_base_run
-from instdrive_core.training.improving.improvement import Improvement, run_improvement
-from instdrive_core.training.improving.settings import build_improving_config
-from instdrive_core.training.improving.timing import measure_improving_step
 from instdrive_core.training.run import FACTS
 from instdrive_core.wording import format_count, phrase
 

@@ -20,6 +20,7 @@ from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.formats.ply.inria import write_ply
+from instdrive_core.improving import settings
 from instdrive_core.jobs.job_file import JobRequest, ask_job, locate_project
 from instdrive_core.jobs.run_job import run_job
 from instdrive_core.project.carrying.edited_rows import find_edited_rows
@@ -27,7 +28,6 @@ from instdrive_core.project.carrying.parents_file import PARENTS, read_parents
 from instdrive_core.project.open import open_document, open_project
 from instdrive_core.project.save import save_project
 from instdrive_core.scene.selection import Flag
-from instdrive_core.training.improving import settings
 from instdrive_core.training.run import RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, build_train_config
 

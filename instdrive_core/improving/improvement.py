@@ -16,6 +16,9 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import OptionError
 from instdrive_core.files.json_fields import read_json
 from instdrive_core.formats.folder.scenes import write_scene_folder
+from instdrive_core.improving.base import MASK_FOLDER, BaseRun, open_base_masks
+from instdrive_core.improving.inherited_scene import export_improved_scene, order_rows
+from instdrive_core.improving.start import build_improving_trainer
 from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.project.carrying.parents_file import write_parents
 from instdrive_core.tracks.photos.setting_apart import set_movers_apart
@@ -23,9 +26,6 @@ from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.device import choose_backend, measure_free_gpu_memory
 from instdrive_core.training.build_trainer import resume_trainer
 from instdrive_core.training.checkpoint import load_checkpoint
-from instdrive_core.training.improving.base import MASK_FOLDER, BaseRun, open_base_masks
-from instdrive_core.training.improving.inherited_scene import export_improved_scene, order_rows
-from instdrive_core.training.improving.start import build_improving_trainer
 from instdrive_core.training.memory_check import check_gpu_memory, check_training_memory, measure_peak_memory
 from instdrive_core.training.run import (
     CHECKPOINT,

@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from instdrive_core.improving.base import BaseRun
+from instdrive_core.improving.settings import build_improving_config
+from instdrive_core.improving.start import build_improving_trainer
 from instdrive_core.training.backends.device import choose_backend
-from instdrive_core.training.improving.base import BaseRun
-from instdrive_core.training.improving.settings import build_improving_config
-from instdrive_core.training.improving.start import build_improving_trainer
 from instdrive_core.training.settings.config import Device
 from instdrive_core.training.views.view_store import open_view_store
 from instdrive_core.training.warm_up import compile_kernels
