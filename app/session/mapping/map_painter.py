@@ -10,9 +10,10 @@ from weakref import ref
 import numpy as np
 
 from instdrive_app.session.context import SessionContext
-from instdrive_app.session.mapping.map_picture import MapPicture, draw_map, extract_ground, freeze_colored
+from instdrive_app.session.mapping.map_picture import MapPicture, draw_map, extract_ground
 from instdrive_app.session.mapping.map_window import MapWindow
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.frozen_copy import freeze_colored
 from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import phrase
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from scipy.spatial import KDTree
 
 from instdrive_app.session.mapping.map_window import MapWindow
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.rasterize.pictures import cut_out_preview
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.scene.camera import Camera, CameraView
@@ -41,13 +39,6 @@ class MapPicture:
     """See-through where no splat is."""
     ids: UInt32[ndarray, "h w"]
     """Instance of each pixel, 0 for none."""
-
-
-def freeze_colored(document: Document) -> Document:
-    """Freeze a document with its colours, to be drawn on another thread."""
-    frozen = freeze_document(document)
-    frozen.colors = deepcopy(document.colors)
-    return frozen
 
 
 def extract_ground(document: Document) -> Scene:

@@ -14,7 +14,7 @@ from instdrive_app.messages import read_error
 from instdrive_app.session.context import SessionContext
 from instdrive_core.datasets.photos import load_photo, read_photo_size
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import freeze_document
+from instdrive_core.edits.document.frozen_copy import freeze_colored
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import DataError, InstDriveError
 from instdrive_core.evaluation.metrics.image_metrics import psnr
@@ -95,7 +95,7 @@ class PhotoDifference:
             self._ask(key, document, document.scene.views[index])
 
     def _ask(self, key: tuple[object, ...], document: Document, view: CameraView) -> None:
-        frozen = freeze_document(document)
+        frozen = freeze_colored(document)
 
         def keep(found: Difference) -> None:
             self._found = (key, found)

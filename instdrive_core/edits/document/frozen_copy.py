@@ -28,3 +28,10 @@ def freeze_document(document: Document) -> Document:
     frozen.set_first_tracks(document.first_tracks)
     frozen.replace_surroundings(scene.views, scene.sky, document.orientation)
     return frozen
+
+
+def freeze_colored(document: Document) -> Document:
+    """Freeze a document with its colours, to be drawn on another thread: 2 more bytes per splat."""
+    frozen = freeze_document(document)
+    frozen.colors = deepcopy(document.colors)
+    return frozen

@@ -9,6 +9,8 @@ from procedural_street import FIRST_CAR, procedural_street
 
 from instdrive_app.session.showing.photo_difference import HEAT_RAMP, HOT, compare_with_photo, paint_heat
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.frozen_copy import freeze_colored
+from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.errors import DataError
 from instdrive_core.rasterize.pictures import draw_picture
@@ -34,6 +36,13 @@ def test_equal_pictures_differ_by_their_rounding_only_and_edits_show(filmed):
     assert after.psnr < before.psnr - 5
     changed = (after.heat != before.heat).any(axis=-1)
     assert 0 < changed.mean() < 0.5, "only where the car stood"
+
+
+def test_recolours_show_in_what_is_compared_beside_the_window(filmed):
+    document, view = filmed
+    before = compare_with_photo(freeze_colored(document), view)
+    document.apply(RecolorInstances((FIRST_CAR,), "solid", (1.0, 0.0, 1.0)))
+    assert compare_with_photo(freeze_colored(document), view).psnr < before.psnr - 5
 
 
 def test_exposure_is_the_photos(filmed, tmp_path):
