@@ -114,6 +114,12 @@ class RandomEdits:
                 "mode": pick(("tint", "solid", "hue")),
                 "color": [self._float(0, 1) for _ in range(3)],
             },
+            "relabel_rows": lambda: {
+                "found_by": pick(("absorb_floaters", "split_instance")),
+                "parts": [self._runs(scattered=0)],
+                "into": [pick((None, one()))],
+                "like": one(),
+            },
             "rename_instance": lambda: {"id": one(), "name": f"name {self._rng.integers(1000)}"},
             "reset_colors": lambda: {"ids": ids()},
             "reset_moves": lambda: {"ids": ids()},

@@ -83,6 +83,14 @@ simple_edits = (
     entries("find_objects", gap=st.sampled_from([0.3, 0.5]), unit=st.sampled_from([None, 1.0])),
     entries("absorb_floaters", id=st.integers(1, 9)),
     entries(
+        "relabel_rows",
+        found_by=st.sampled_from(["split_instance", "find_objects"]),
+        parts=st.sampled_from([[[]], [[[3, 9]]], [[[0, 1], [1600, 400]]]]),
+        into=st.sampled_from([[None], [1], [7]]),
+        like=st.integers(0, 9),
+        deletes=st.booleans(),
+    ),
+    entries(
         "move_instances",
         ids=ids,
         translation=st.sampled_from([[0.0, 0.0, 0.0], [1.0, -2.0, 0.5]]),

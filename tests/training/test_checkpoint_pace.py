@@ -56,5 +56,5 @@ def test_the_end_of_a_stage_is_always_kept(
     monkeypatch.setattr(run, "save_checkpoint", save)
     monkeypatch.setattr(run, "CheckpointPace", lambda: CheckpointPace(clock))
     trainer, _ = new_trainer(tiny_config())
-    run._train(trainer, tmp_path, lambda event: None)
+    run.run_trainer(trainer, tmp_path, lambda event: None)
     assert saved == kept

@@ -105,7 +105,7 @@ def test_votes_name_instances_without_training(street, tmp_path):
         assert len(np.unique(scene.instance_ids[scene.nodes == node])) <= 1
 
 
-@pytest.mark.parametrize("edge_start", [0.75, 0.45], ids=["before edges are learned", "while they are"])
+@pytest.mark.parametrize("edge_start", [0.75, 0.4], ids=["before edges are learned", "while they are"])
 def test_votes_are_the_same_after_an_interruption(street, tmp_path, edge_start):
     config = by_votes()
     config = replace(

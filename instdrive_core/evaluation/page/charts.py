@@ -123,12 +123,12 @@ def _compute_running_mean(values: Float64[ndarray, " n"]) -> Float64[ndarray, " 
     return (sums[last] - sums[first]) / (last - first)
 
 
-def _find_range(arrays: Sequence[Float64[ndarray, " n"]]) -> tuple[float, float]:
+def _find_range(arrays: Sequence[Float64[ndarray, " _"]]) -> tuple[float, float]:
     low, high = min(float(each.min()) for each in arrays), max(float(each.max()) for each in arrays)
     return (low, high) if high > low else (low - 0.5, high + 0.5)
 
 
-def _find_value_range(arrays: Sequence[Float64[ndarray, " n"]]) -> tuple[float, float]:
+def _find_value_range(arrays: Sequence[Float64[ndarray, " _"]]) -> tuple[float, float]:
     """Find the range of all but the outermost values: one bad step would flatten the rest."""
     pooled = np.concatenate(arrays)
     return _find_range([np.quantile(pooled, [0.005, 0.995])])

@@ -98,6 +98,6 @@ def test_an_unknown_panel_is_logged(caplog, monkeypatch):
         "instdrive_app.shell.window.hello_imgui.get_runner_params", lambda: SimpleNamespace(docking_params=docking)
     )
     with caplog.at_level(logging.ERROR):
-        window._show_panel("Nowhere")
+        window._show_panel("Nowhere", closes=False)
     assert "there is no panel 'Nowhere'" in caplog.text
     session.close()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from instdrive_app.panels.dialogs.making import new_scene
+from instdrive_app.panels.dialogs.making import job_fields, new_scene
 from instdrive_app.panels.dialogs.making.new_scene import may_be_source
 
 
@@ -24,7 +24,7 @@ def test_videos_and_folders_with_files_may_be_sources(tmp_path):
     ],
 )
 def test_a_new_folder_is_proposed_among_the_documents(tmp_path, monkeypatch, source, taken, expected):
-    monkeypatch.setattr(new_scene, "find_documents_folder", lambda: tmp_path)
+    monkeypatch.setattr(job_fields, "find_documents_folder", lambda: tmp_path)
     (tmp_path / "walk.mp4").touch()
     for name in taken:
         (tmp_path / name).mkdir()
