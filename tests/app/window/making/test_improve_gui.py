@@ -13,8 +13,8 @@ from instdrive_core.project.open import open_project
 from instdrive_core.training.run import RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, build_train_config
 
-SHORTEST = "0.1"
-"""Minutes: the fewest steps that are trained."""
+LONG_ENOUGH = "0.5"
+"""Minutes, in which somebody can press Pause."""
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_an_edited_scene_trains_on_and_opens_with_edits_made_before_and_meanwhil
         window.wait_for_edit("Delete")
         window.click_widget("menu File")
         window.click_widget("menu file.improve")
-        enter(window, "improve.minutes", SHORTEST)
+        enter(window, "improve.minutes", LONG_ENOUGH)
         enter(window, "improve.out", str(made))
         window.click_widget("dialog.accept")
         window.wait_for_widget("training.status.running")
