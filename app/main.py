@@ -59,7 +59,8 @@ COMMANDS = {
         "instdrive_core.cli.convert:convert", "Convert a scene into the format that the new name ends in."
     ),
     "objects": CliCommand(
-        "instdrive_core.cli.objects:export_objects", "Write boxes or hulls of a scene's instances as .json or .glb, or the ways of what drives as .xosc."
+        "instdrive_core.cli.objects:export_objects",
+        "Write boxes or hulls of a scene's instances as .json or .glb, or the ways of what drives as .xosc.",
     ),
     "id-masks": CliCommand(
         "instdrive_core.cli.id_masks:export_id_masks",
