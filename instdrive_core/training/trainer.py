@@ -294,8 +294,7 @@ class Trainer:
         self.cameras.step(number, camera, force, torque, self.iteration / self.config.geometry.iterations)
 
     def _hold_poses(self) -> None:
-        """Leave cameras and tracks where they are: they would follow ragged masks, photo by photo, and held-out photos
-        would show it."""
+        """Leave cameras and tracks where they are: masks are ragged and say nothing of poses."""
         for correction in self.model.corrections.values():
             correction.grad = None
 
