@@ -77,7 +77,10 @@ class Step:
         self.optimizers.geometry.rates = dict.fromkeys(
             self.optimizers.geometry.rates, 0.0
         )  # the workload stays as it is
-        self.optimizers.features.rates = {"features": 0.0}
+        features = self.optimizers.features
+        assert features is not None, "the workload's Gaussians carry features"
+        features.rates = {"features": 0.0}
+        self.features = features
         rng = np.random.default_rng(0)
         self.photo = rng.integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
         pull = rng.normal(0, 1e-3, (camera.height, camera.width, _FEATURES)).astype(np.float32)
@@ -96,7 +99,7 @@ class Step:
         gradients = drawn.gradients()
         features = {"features": gradients.pop("features")}
         self.optimizers.geometry.step(drawn.rows, gradients, drawn.seen.visible)
-        self.optimizers.features.step(drawn.rows, features, drawn.seen.visible)
+        self.features.step(drawn.rows, features, drawn.seen.visible)
         marks.append(time.perf_counter())
         names = ("forward", "loss", "backward", "optimizer")
         return {name: 1e3 * (end - start) for name, start, end in zip(names, marks, marks[1:], strict=False)}
