@@ -144,6 +144,6 @@ class Backend(Protocol):
         """Mean |expected depth - LiDAR depth| in metres over the given flat pixels where alpha > 0.05; 0 if none."""
         ...
 
-    def sky_loss(self, alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"]) -> Float[Tensor, ""]:
-        """Binary cross-entropy of alpha towards 0 inside the sky mask, averaged over the whole image."""
+    def opacity_loss(self, alpha: Float[Tensor, "h w"], pixels: Bool[ndarray, "h w"], solid: bool) -> Float[Tensor, ""]:
+        """Binary cross-entropy of alpha towards 1 (`solid`) or 0 in the given pixels, averaged over the whole image."""
         ...

@@ -22,4 +22,4 @@ class CpuBackend:
     expose = staticmethod(exposure_op.expose)
     photometric_loss = staticmethod(photometric.photometric_loss)
     depth_loss = staticmethod(losses.depth_loss)
-    sky_loss = staticmethod(losses.sky_loss)
+    opacity_loss = staticmethod(losses.opacity_loss)

@@ -74,9 +74,9 @@ class GsplatBackend:
         mask = None if valid is None else self._put(valid)
         return torch_ops.photometric_loss(image, self._put(target), mask, ssim_weight)
 
-    def sky_loss(self, alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"]) -> Float[Tensor, ""]:
-        """See `Backend.sky_loss`."""
-        return torch_ops.sky_loss(alpha, self._put(sky))
+    def opacity_loss(self, alpha: Float[Tensor, "h w"], pixels: Bool[ndarray, "h w"], solid: bool) -> Float[Tensor, ""]:
+        """See `Backend.opacity_loss`."""
+        return torch_ops.opacity_loss(alpha, self._put(pixels), solid)
 
     def _put(self, array: ndarray) -> Tensor:
         return self.photos.find_or_send(array, lambda array: torch_ops.to_device(array, self.device))

@@ -1,4 +1,4 @@
-"""The RGB stage's other terms on the CPU: LiDAR depth and sky opacity, with their gradients."""
+"""The RGB stage's other terms on the CPU: LiDAR depth and opacity, with their gradients."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from instdrive_core.rasterize.kernels.layout import to_kernel_array
 _DRAWN = np.float32(0.05)
 """Pixels with less opacity than this have no expected depth."""
 _FLOOR = np.float32(1e-4)
-"""Keeps the logarithm of the sky term finite where the sky is hidden altogether."""
+"""Keeps the logarithm of the opacity terms finite where alpha is the very opposite of what is wanted."""
 _FACTORS = 64
 """Numbers in [1e-4, 1] whose product is taken before its logarithm: it stays above 1e-256."""
 
@@ -34,9 +34,9 @@ def depth_loss(
     return _DepthLoss.apply(depth, alpha, np.require(pixels, np.int32, ["C", "W"]), to_kernel_array(lidar_depths))
 
 
-def sky_loss(alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"]) -> Float[Tensor, ""]:
-    """Binary cross-entropy of the accumulated opacity towards 0 inside the sky mask, averaged over the image."""
-    return _SkyLoss.apply(alpha, np.require(sky, np.bool_, ["C", "W"]))
+def opacity_loss(alpha: Float[Tensor, "h w"], pixels: Bool[ndarray, "h w"], solid: bool) -> Float[Tensor, ""]:
+    """Binary cross-entropy of alpha towards 1 (`solid`) or 0 in the given pixels, averaged over the whole image."""
+    return _EmptyLoss.apply(1 - alpha if solid else alpha, np.require(pixels, np.bool_, ["C", "W"]))
 
 
 class _DepthLoss(torch.autograd.Function):
@@ -59,13 +59,13 @@ class _DepthLoss(torch.autograd.Function):
         return torch.from_numpy(grad_depth), torch.from_numpy(grad_alpha), None, None
 
 
-class _SkyLoss(torch.autograd.Function):
+class _EmptyLoss(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, alpha, sky):
+    def forward(ctx, alpha, pixels):
         ctx.save_for_backward(alpha)
-        ctx.sky = sky
-        costs = np.empty(len(sky), np.float64)
-        _sky_costs(to_kernel_array(alpha.detach().numpy()), sky, costs)
+        ctx.pixels = pixels
+        costs = np.empty(len(pixels), np.float64)
+        _empty_costs(to_kernel_array(alpha.detach().numpy()), pixels, costs)
         return torch.tensor(costs.sum() / alpha.numel(), dtype=torch.float32)
 
     @staticmethod
@@ -74,7 +74,7 @@ class _SkyLoss(torch.autograd.Function):
         (alpha,) = ctx.saved_tensors
         grad_alpha = np.empty(tuple(alpha.shape), np.float32)
         scale = np.float32(float(grad_loss) / alpha.numel())
-        _sky_gradient(to_kernel_array(alpha.detach().numpy()), ctx.sky, scale, grad_alpha)
+        _empty_gradient(to_kernel_array(alpha.detach().numpy()), ctx.pixels, scale, grad_alpha)
         return torch.from_numpy(grad_alpha), None
 
 
@@ -106,11 +106,11 @@ def _depth_gradient(depth, alpha, pixels, lidar_depths, scale, grad_depth, grad_
 
 
 @numba.njit(error_model="numpy", cache=True)
-def _sky_cost_of_row(alpha, sky):
+def _empty_cost_of_row(alpha, pixels):
     """-Σ log through, with one logarithm for many factors."""
     cost, product, factors = 0.0, 1.0, 0
     for column in range(len(alpha)):
-        if sky[column]:
+        if pixels[column]:
             product *= max(np.float32(1) - alpha[column], _FLOOR)
             factors += 1
             if factors == _FACTORS:
@@ -119,15 +119,15 @@ def _sky_cost_of_row(alpha, sky):
 
 
 @numba.njit(parallel=True, error_model="numpy", cache=True)
-def _sky_costs(alpha, sky, costs):
+def _empty_costs(alpha, pixels, costs):
     for row in numba.prange(len(alpha)):
-        costs[row] = _sky_cost_of_row(alpha[row], sky[row])
+        costs[row] = _empty_cost_of_row(alpha[row], pixels[row])
 
 
 @numba.njit(parallel=True, error_model="numpy", cache=True)
-def _sky_gradient(alpha, sky, scale, grad_alpha):
+def _empty_gradient(alpha, pixels, scale, grad_alpha):
     for row in numba.prange(len(alpha)):
         for column in range(alpha.shape[1]):
             through = np.float32(1) - alpha[row, column]
-            counts = sky[row, column] and through >= _FLOOR
+            counts = pixels[row, column] and through >= _FLOOR
             grad_alpha[row, column] = scale / through if counts else np.float32(0)

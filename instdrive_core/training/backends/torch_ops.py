@@ -22,8 +22,8 @@ _SHOWS = 1 / 1024
 """Pixels that let less light through than this show no sky, as in `rasterize.kernels.sky_behind`."""
 _DRAWN = 0.05
 """Pixels with less opacity than this have no expected depth."""
-_SKY_FLOOR = 1e-4
-"""Keeps the logarithm of the sky term finite where the sky is hidden altogether."""
+_OPACITY_FLOOR = 1e-4
+"""Keeps the logarithm of the opacity terms finite where alpha is the very opposite of what is wanted."""
 
 _RADIUS, _SIGMA = 5, 1.5
 _C1, _C2 = 0.01**2, 0.03**2
@@ -300,7 +300,9 @@ def depth_loss(
     return torch.where(counts, (expected - wanted).abs(), 0).sum() / counts.sum().clamp_min(1)
 
 
-def sky_loss(alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"] | Bool[Tensor, "h w"]) -> Float[Tensor, ""]:
-    """See `Backend.sky_loss`; the mask may lie on the device already."""
-    cost = -torch.log((1 - alpha).clamp_min(_SKY_FLOOR))
-    return torch.where(to_device(sky, alpha.device), cost, 0).sum() / alpha.numel()
+def opacity_loss(
+    alpha: Float[Tensor, "h w"], pixels: Bool[ndarray, "h w"] | Bool[Tensor, "h w"], solid: bool
+) -> Float[Tensor, ""]:
+    """See `Backend.opacity_loss`; the pixels may lie on the device already."""
+    cost = -torch.log((alpha if solid else 1 - alpha).clamp_min(_OPACITY_FLOOR))
+    return torch.where(to_device(pixels, alpha.device), cost, 0).sum() / alpha.numel()

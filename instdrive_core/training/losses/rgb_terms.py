@@ -50,7 +50,12 @@ def _compare_with_lidar(step: RgbStep, weight: float) -> Tensor:
 
 def _clear_sky(step: RgbStep, weight: float) -> Tensor:
     assert step.view.sky is not None
-    return weight * step.backend.sky_loss(step.rendered.alpha, step.view.sky)
+    return weight * step.backend.opacity_loss(step.rendered.alpha, step.view.sky, solid=False)
+
+
+def _fill_masks(step: RgbStep, weight: float) -> Tensor:
+    assert step.view.solid is not None
+    return weight * step.backend.opacity_loss(step.rendered.alpha, step.view.solid, solid=True)
 
 
 def _keep_objects_apart(step: RgbStep, weight: float) -> Tensor:
@@ -94,6 +99,15 @@ RGB_TERMS: tuple[LossTerm[RgbStep], ...] = (
         weight_field="geometry.sky_weight",
         compute=_clear_sky,
         is_due=lambda step: step.view.sky is not None,
+    ),
+    LossTerm(
+        name="solid",
+        meaning="what masks show stands before the sky: cross-entropy of alpha towards 1 inside instance masks",
+        stage="rgb",
+        needs="instance masks",
+        weight_field="geometry.solid_weight",
+        compute=_fill_masks,
+        is_due=lambda step: step.view.solid is not None,
     ),
     LossTerm(
         name="edge",

@@ -52,6 +52,8 @@ class GeometryConfig:
     """LiDAR depth, L1 in metres below 80 m."""
     sky_weight: float = 0.05
     """Opacity inside the sky mask."""
+    solid_weight: float = 0.05
+    """Opacity inside instance masks: the sky must not paint what is far off; 0 = none."""
     means_lr: float = 6.4e-4
     """Times the scene radius; falls exponentially to a hundredth."""
     sh_dc_lr: float = 0.01

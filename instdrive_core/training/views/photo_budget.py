@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from instdrive_core.available_memory import measure_available_memory
 
-BYTES_PER_PIXEL = 6
-"""Bytes of colour, 16-bit label and sky."""
+BYTES_PER_PIXEL = 7
+"""Bytes of colour, 16-bit label, sky, and what is solid."""
 LEAST_BUDGET = 2**28
 """Bytes that photos get where memory is scarce; enough to read some of 4K ahead."""
 _SHARE = 0.25

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8, UInt16
@@ -12,6 +13,7 @@ from instdrive_core.datasets.clip import Frame
 from instdrive_core.masks.label_map_folder import FrameMasks
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.views.lidar_depth import Depths, find_nearest_per_pixel
+from instdrive_core.training.views.solid_pixels import find_solid_pixels
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,16 @@ class TrainingView:
     def layers(self) -> tuple[UInt16[ndarray, "h w"], ...]:
         """All layers of instance masks; none where the run has no masks."""
         return () if self.labels is None else (self.labels, *self.overlaps)
+
+    @cached_property
+    def solid(self) -> Bool[ndarray, "h w"] | None:
+        """Pixels in which masks show something before the sky; None where none does, or the sky is unknown."""
+        if self.sky is None or not self.layers:
+            return None
+        solid = find_solid_pixels(self.layers, self.sky, self.camera, len(self.depth_pixels) > 0)
+        if self.valid is not None:
+            solid &= self.valid
+        return solid if solid.any() else None
 
     def halve(self) -> TrainingView:
         """Copy the view at half the resolution, for the coarse part of training."""

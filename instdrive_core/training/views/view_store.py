@@ -285,7 +285,7 @@ def _check_masks(masks: MaskFolder, frames: Sequence[Frame]) -> None:
 
 def _count_bytes(view: TrainingView, coarse: bool) -> int:
     """Count the bytes of a view's own arrays. At full resolution, depths and `valid` are held elsewhere anyway."""
-    arrays = [view.image, *view.layers, view.sky]
+    arrays = [view.image, *view.layers, view.sky, view.sky]  # `solid` is made when it is asked for, and as large
     if coarse:
         arrays += [view.valid, view.depth_pixels, view.depth_values]
     return sum(array.nbytes for array in arrays if array is not None)

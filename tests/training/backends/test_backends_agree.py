@@ -91,8 +91,11 @@ CASES = {
         (RNG.uniform(0, 60, SHAPE), ALPHA),
         lambda backend, *inputs: (backend.depth_loss(*inputs, PIXELS[:0], LIDAR[:0]),),
     ),
-    "sky_loss": Case((ALPHA,), lambda backend, alpha: (backend.sky_loss(alpha, TARGET_MASK),)),
-    "sky_loss nowhere": Case((ALPHA,), lambda backend, alpha: (backend.sky_loss(alpha, np.zeros(SHAPE, bool)),)),
+    "opacity_loss clear": Case((ALPHA,), lambda backend, alpha: (backend.opacity_loss(alpha, TARGET_MASK, False),)),
+    "opacity_loss solid": Case((ALPHA,), lambda backend, alpha: (backend.opacity_loss(alpha, TARGET_MASK, True),)),
+    "opacity_loss nowhere": Case(
+        (ALPHA,), lambda backend, alpha: (backend.opacity_loss(alpha, np.zeros(SHAPE, bool), True),)
+    ),
 }
 
 

@@ -75,12 +75,12 @@ def depth() -> tuple[list[Tensor], list[Tensor]]:
     return inputs, [BACKEND.depth_loss(*inputs, PIXELS, LIDAR)]
 
 
-def sky() -> tuple[list[Tensor], list[Tensor]]:
+def opacity() -> tuple[list[Tensor], list[Tensor]]:
     inputs = leaves((HEIGHT, WIDTH), low=0)
-    return inputs, [BACKEND.sky_loss(*inputs, MASK)]
+    return inputs, [BACKEND.opacity_loss(*inputs, MASK, solid=False), BACKEND.opacity_loss(*inputs, MASK, solid=True)]
 
 
-OPERATIONS = [rasterized, colored, placed, over_sky, exposed, photometric, depth, sky]
+OPERATIONS = [rasterized, colored, placed, over_sky, exposed, photometric, depth, opacity]
 
 
 def bits(operation: Operation, threads: int) -> list[bytes]:

@@ -8,7 +8,7 @@ import torch
 from numpy import ndarray
 from torch import Tensor
 
-from instdrive_core.training.backends.losses import depth_loss, sky_loss
+from instdrive_core.training.backends.losses import depth_loss, opacity_loss
 
 SHAPE = (13, 9)
 
@@ -30,8 +30,9 @@ def plain_depth_loss(depth: Tensor, alpha: Tensor, pixels: ndarray, lidar_depths
     return (drawn[counts] / opacity[counts] - torch.from_numpy(lidar_depths)[counts]).abs().mean()
 
 
-def plain_sky_loss(alpha: Tensor, sky: ndarray) -> Tensor:
-    return -torch.log((1 - alpha[torch.from_numpy(sky)]).clamp_min(1e-4)).sum() / alpha.numel()
+def plain_opacity_loss(alpha: Tensor, pixels: ndarray, solid: bool) -> Tensor:
+    right = alpha if solid else 1 - alpha
+    return -torch.log(right[torch.from_numpy(pixels)].clamp_min(1e-4)).sum() / alpha.numel()
 
 
 def test_depth_loss_is_metres_where_lidar_knows() -> None:
@@ -69,24 +70,26 @@ def test_a_pixel_named_twice_counts_twice() -> None:
     np.testing.assert_allclose(depth.grad, [[0, 4 / 3], [-2 / 3, 0]], rtol=1e-6)
 
 
-def test_sky_loss_grows_with_opacity_inside_the_sky_only() -> None:
+def test_opacity_loss_grows_with_opacity_inside_the_sky_only() -> None:
     sky = np.zeros((4, 4), bool)
     sky[0] = True
     clear, veiled = torch.zeros(4, 4), torch.zeros(4, 4)
     veiled[0] = 0.5
     clear[3] = 1
-    assert float(sky_loss(clear, sky)) == pytest.approx(0)
-    assert float(sky_loss(veiled, sky)) == pytest.approx(np.log(2) / 4)
+    assert float(opacity_loss(clear, sky, solid=False)) == pytest.approx(0)
+    assert float(opacity_loss(veiled, sky, solid=False)) == pytest.approx(np.log(2) / 4)
 
 
-def test_sky_loss_and_gradient_are_those_of_plain_torch() -> None:
+@pytest.mark.parametrize("solid", [False, True])
+def test_opacity_loss_and_gradient_are_those_of_plain_torch(solid: bool) -> None:
     rng = np.random.default_rng(1)
     values = rng.uniform(0, 1, (6, 300))
     values[0], values[1, :200] = 1, 0.9999999  # hidden skies: the logarithm stays finite
+    values[2], values[3, :200] = 0, 1e-7
     alpha = torch.tensor(values, dtype=torch.float32, requires_grad=True)
-    sky = rng.random((6, 300)) < 0.7
-    loss, expected = sky_loss(alpha, sky), plain_sky_loss(alpha, sky)
+    pixels = rng.random((6, 300)) < 0.7
+    loss, expected = opacity_loss(alpha, pixels, solid), plain_opacity_loss(alpha, pixels, solid)
     assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=1e-5)
     (found,), (wanted,) = torch.autograd.grad(2 * loss, alpha), torch.autograd.grad(2 * expected, alpha)
     np.testing.assert_allclose(found, wanted, rtol=1e-5)
-    assert float(sky_loss(alpha, np.zeros((6, 300), bool)).detach()) == 0
+    assert float(opacity_loss(alpha, np.zeros((6, 300), bool), solid).detach()) == 0

@@ -247,17 +247,17 @@ def test_depth_loss_without_a_pixel_is_nothing(pixels: list[int]) -> None:
     assert not depth.grad.any()
 
 
-def test_sky_loss_grows_with_opacity_inside_the_sky_only() -> None:
+def test_opacity_loss_grows_with_opacity_inside_the_sky_only() -> None:
     sky = np.zeros((4, 4), bool)
     sky[0] = True
     alpha = leaf(np.array([[0.5] * 4, [0] * 4, [0] * 4, [1] * 4]))
-    loss = torch_ops.sky_loss(alpha, sky)
+    loss = torch_ops.opacity_loss(alpha, sky, solid=False)
     loss.backward()
     assert float(loss.detach()) == pytest.approx(np.log(2) / 4)
     assert alpha.grad is not None
     np.testing.assert_allclose(alpha.grad[0].numpy(), 2 / 16)
     assert not alpha.grad[1:].any()
-    assert float(torch_ops.sky_loss(torch.ones(4, 4), sky)) == pytest.approx(-np.log(1e-4) / 4)
+    assert float(torch_ops.opacity_loss(torch.ones(4, 4), sky, solid=False)) == pytest.approx(-np.log(1e-4) / 4)
 
 
 def test_arrays_that_must_not_be_written_are_copied() -> None:
