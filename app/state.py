@@ -147,7 +147,9 @@ class EditorState:
     stack: Stack | None = None
     """What lies behind each other where the user has clicked again; None unless that is listed."""
     picture_size: tuple[int, int] = (1280, 720)
-    """Width and height, in pixels, at which the view is shown."""
+    """Width and height, in pixels of the screen, at which the view is shown."""
+    pixel_scale: float = 1.0
+    """Pixels of the picture for one at scale 1, in which tools measure how far the mouse reaches."""
     path_keys: tuple[CameraKey, ...] = ()
     """Keys of the camera's path, in the film's order."""
     cut_out_screenshots: bool = False
@@ -159,7 +161,7 @@ class EditorState:
     region_visible_only: bool = True
     """Whether region tools leave out what is hidden behind something."""
     brush_radius: float = 24.0
-    """Pixels of the picture."""
+    """Pixels at scale 1."""
     brush_depth: float = 1.0
     """Metres behind what is seen that the brush reaches."""
     color_tolerance: float = 0.1
