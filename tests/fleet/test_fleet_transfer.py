@@ -41,7 +41,7 @@ def s3_server():
 
 @pytest.fixture(scope="session")
 def gs_server():
-    """A server of Google's cloud storage on this machine alone, with the bucket `drives`; a skip where it is missing."""
+    """A server of Google's storage on this machine alone, with the bucket `drives`; a skip where it is missing."""
     pytest.importorskip("gcsfs", reason="gcsfs is not installed")
     create = pytest.importorskip("gcp_storage_emulator.server", reason="gcp-storage-emulator is not installed")
     with socket.socket() as free:
