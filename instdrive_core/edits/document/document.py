@@ -223,15 +223,36 @@ class Document:
         self.scene.views, self.scene.sky, self.orientation = views, sky, orientation
         self._surroundings_version += 1
 
-    def append_rows(self, added: Scene) -> None:
+    def grow_gaussians(self, added: Scene) -> dict[str, ndarray]:
+        """Copy all parameters, and those to be added, to where `append_rows` finds them; changes nothing in use.
+
+        That is most of the work, and another thread may do it, as long as nobody adds splats meanwhile.
+        """
+        arrays = self.scene.gaussians.arrays()
+        return {name: self._buffers.grow(name, array, getattr(added.gaussians, name)) for name, array in arrays.items()}
+
+    def find_gaussian_buffers(self) -> dict[str, ndarray]:
+        """Find the buffers behind all parameters, in which those of rows just dropped still lie behind the end."""
+        arrays = self.scene.gaussians.arrays()
+        return {name: buffer for name in arrays if (buffer := self._buffers.find(name, arrays[name])) is not None}
+
+    @property
+    def spare_writes(self) -> int:
+        """Rises when something is written behind the rows' end, be it taken into the scene or not."""
+        return self._buffers.writes
+
+    def append_rows(self, added: Scene, grown: Mapping[str, ndarray] | None = None) -> None:
         """Add splats at the end, neither coloured nor moved, with no state bit set; for `AppendEdit`.
 
         SH, feature and extra columns must be the scene's, nodes those of its actors.
+
+        Args:
+            grown: What `grow_gaussians` made for the same splats, with no others added since.
         """
-        scene, count = self.scene, len(added)
+        scene, count, grown = self.scene, len(added), grown or {}
         for name, array in scene.gaussians.arrays().items():
             tail = getattr(added.gaussians, name)
-            setattr(scene.gaussians, name, self._buffers.extend(name, array, tail))
+            setattr(scene.gaussians, name, self._buffers.extend(name, array, tail, grown.get(name)))
         for name in ("instance_ids", "codewords", "nodes"):
             setattr(scene, name, self._buffers.extend(name, getattr(scene, name), getattr(added, name)))
         for name, column in scene.extra.items():
