@@ -10,12 +10,11 @@ from jaxtyping import Bool, Float32, Float64, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_app.render.view_cone import ViewCone
+from instdrive_core.rasterize.detail.fit import REACH
 from instdrive_core.rasterize.detail.order import order_splats
 
 BLOCK = 512
 """Splats that are left out together."""
-_REACH = np.float32(4.0)
-"""Standard deviations that a splat reaches: 3.33 until it is invisible, and more where a picture's edge is steep."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def _bound_blocks(rows, means, log_scales, moves, move_scales, spheres):
             apart = np.sqrt(x * x + y * y + z * z)
             spread = np.exp(max(log_scales[row, 0], log_scales[row, 1], log_scales[row, 2])) * move_scales[moves[row]]
             if np.isfinite(apart) and not np.isnan(spread):
-                radius = max(radius, apart + _REACH * spread)
+                radius = max(radius, apart + REACH * spread)
         spheres[block, 0], spheres[block, 1], spheres[block, 2] = middle[0], middle[1], middle[2]
         spheres[block, 3] = radius
 
