@@ -85,7 +85,8 @@ class Document:
     All that the editor shows changes through `apply`.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, first_free_id: int | None = None) -> None:
+        """`first_free_id`: where IDs of instances that are gone are not to be given again, the first never used."""
         self.scene = scene
         self.state = SplatState(len(scene))
         self.colors = ColorPalette(len(scene))
@@ -99,7 +100,7 @@ class Document:
         self._rows_version = self._track_version = self._table_version = self._surroundings_version = 0
         self.new_rows = DirtyRows(len(scene))
         """Rows that were added or replaced, for whoever holds copies of the stored parameters."""
-        self.first_free_id = _find_first_free_id(scene)
+        self.first_free_id = _find_first_free_id(scene) if first_free_id is None else first_free_id
         """No splat has or had this instance ID or a higher one; written by `bases/relabel.py`."""
         self.can_defer_bounds = False
         """Whether moves of very many instances may leave their bounds for later; who sets it calls `run_deferred`."""
