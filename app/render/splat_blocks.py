@@ -1,4 +1,4 @@
-"""Splats in blocks of neighbours, of which those that a view cannot show are left out together."""
+"""Splats in blocks of neighbours: a block that a view cannot show is left out at once, of others single splats are."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from instdrive_core.rasterize.detail.fit import REACH
 from instdrive_core.rasterize.detail.order import order_splats
 
 BLOCK = 512
-"""Splats that are left out together."""
+"""Splats in a block."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,8 @@ class SplatBlocks:
         """Order the splats, in about a quarter of a second for a million."""
         self._rows = order_splats(places.means, places.instance_ids, places.nodes)
         self._spheres = np.zeros((-(-len(places) // BLOCK), 4), np.float32)
+        self._reaches = np.zeros(len(places), np.float32)
+        self._means = places.means
         self._version = -1
 
     def __len__(self) -> int:
@@ -51,18 +53,18 @@ class SplatBlocks:
         """Bring the spheres to the splats' places; nothing is done where `version` is that of the last call."""
         if version != self._version:
             scales = (places.log_scales, places.moves, places.move_scales)
-            _bound_blocks(self._rows, places.means, *scales, self._spheres)
-            self._version = version
+            _bound_blocks(self._rows, places.means, *scales, self._spheres, self._reaches)
+            self._means, self._version = places.means, version
 
     def find_inside(self, cone: ViewCone) -> Bool[ndarray, " n"]:
-        """Find the splats of all blocks that reach into a cone."""
+        """Find the splats that reach into a cone."""
         inside = np.zeros(len(self._rows), np.bool_)
-        _mark_inside(self._rows, self._spheres, cone.apex, cone.normals, inside)
+        _mark_inside(self._rows, self._spheres, self._means, self._reaches, cone.apex, cone.normals, inside)
         return inside
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _bound_blocks(rows, means, log_scales, moves, move_scales, spheres):
+def _bound_blocks(rows, means, log_scales, moves, move_scales, spheres, reaches):
     """Spheres around the middles of the blocks' boxes; what is not finite is never shown and counts as nothing."""
     for block in range(len(spheres)):
         start, stop = block * BLOCK, min((block + 1) * BLOCK, len(rows))
@@ -79,23 +81,37 @@ def _bound_blocks(rows, means, log_scales, moves, move_scales, spheres):
             x, y, z = means[row, 0] - middle[0], means[row, 1] - middle[1], means[row, 2] - middle[2]
             apart = np.sqrt(x * x + y * y + z * z)
             spread = np.exp(max(log_scales[row, 0], log_scales[row, 1], log_scales[row, 2])) * move_scales[moves[row]]
+            reaches[row] = REACH * spread
             if np.isfinite(apart) and not np.isnan(spread):
-                radius = max(radius, apart + REACH * spread)
+                radius = max(radius, apart + reaches[row])
         spheres[block, 0], spheres[block, 1], spheres[block, 2] = middle[0], middle[1], middle[2]
         spheres[block, 3] = radius
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _mark_inside(rows, spheres, apex, normals, inside):
+def _measure_depth_inside(normals, apex, x, y, z):
+    """Metres from a point to the nearest side of the cone; negative outside."""
+    nearest = np.inf
+    for side in range(4):
+        apart = normals[side, 0] * (x - apex[0]) + normals[side, 1] * (y - apex[1]) + normals[side, 2] * (z - apex[2])
+        nearest = min(nearest, apart)
+    return nearest
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _mark_inside(rows, spheres, means, reaches, apex, normals, inside):
     for block in range(len(spheres)):
-        x, y, z = spheres[block, 0] - apex[0], spheres[block, 1] - apex[1], spheres[block, 2] - apex[2]
-        outside = False
-        for side in range(4):
-            apart = normals[side, 0] * x + normals[side, 1] * y + normals[side, 2] * z
-            outside |= not apart >= -spheres[block, 3]
-        if not outside:
-            for k in range(block * BLOCK, min((block + 1) * BLOCK, len(rows))):
-                inside[rows[k]] = True
+        radius = spheres[block, 3]
+        depth = _measure_depth_inside(normals, apex, spheres[block, 0], spheres[block, 1], spheres[block, 2])
+        if not depth >= -radius:
+            continue
+        for k in range(block * BLOCK, min((block + 1) * BLOCK, len(rows))):
+            row = rows[k]
+            if depth >= radius:
+                inside[row] = True
+            else:
+                depth_of_row = _measure_depth_inside(normals, apex, means[row, 0], means[row, 1], means[row, 2])
+                inside[row] = depth_of_row >= -reaches[row]
 
 
 def list_move_scales(matrices: Float64[ndarray, "q 3 4"]) -> Float32[ndarray, " q"]:

@@ -12,8 +12,8 @@ from instdrive_core.scene.camera import Camera
 
 EDGE_PIXELS = 16.0
 """Pixels around the picture that count as seen: faint splats and dots reach so far at least."""
-WIDER, TURN = 1.1, 0.12
-"""By how much the slopes of a picture's edges are raised, so that a camera may turn: factor, and what is added."""
+TURN = 0.08
+"""By how much the slopes of a picture's edges are raised, so that a camera may turn: some 4° on each side."""
 BACK = 1.0
 """Metres by which the cone begins behind the camera, so that it may move."""
 
@@ -37,7 +37,7 @@ class ViewCone:
 def widen_view(camera: Camera) -> ViewCone:
     """Make a cone that covers a camera, and what it sees after a small move."""
     left, top, right, bottom = _find_slopes(camera, EDGE_PIXELS)
-    left, top, right, bottom = (WIDER * left - TURN, WIDER * top - TURN, WIDER * right + TURN, WIDER * bottom + TURN)
+    left, top, right, bottom = left - TURN, top - TURN, right + TURN, bottom + TURN
     normals = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]], np.float64)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     rotation = camera.world_from_camera[:3, :3]

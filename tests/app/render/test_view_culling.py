@@ -41,7 +41,7 @@ def test_a_cone_covers_small_moves_and_no_large_ones():
     camera = Camera(200.0, 200.0, 120.0, 72.0, *SIZE, look_at(np.array([1.0, -8.0, 3.0]), np.array([0.0, 0.0, 1.0])))
     cone = widen_view(camera)
     assert cone.covers(camera)
-    assert cone.covers(turned(camera, 3.0, (0.1, 0.0, -0.05)))
+    assert cone.covers(turned(camera, 2.0, (0.1, 0.0, -0.05)))
     assert cone.covers(turned(camera, 0.0, tuple(-0.5 * camera.world_from_camera[:3, 2])))
     assert not cone.covers(turned(camera, 25.0))
     assert not cone.covers(turned(camera, 0.0, tuple(-3.0 * camera.world_from_camera[:3, 2])))
