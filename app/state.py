@@ -18,6 +18,10 @@ ID_ALPHA_CUT = 0.2
 """Alpha below which fragments are holes in the ID view."""
 
 
+LINE_WIDTH = 2
+"""Width of outlines, in pixels at scale 1."""
+
+
 class ViewMode(Enum):
     """What the viewport draws."""
 
@@ -222,6 +226,8 @@ class FrameSnapshot:
     """Draw coarsely because the camera is moving."""
     safe_colors: bool
     """Show instances in colours that colour-blind eyes tell apart."""
+    line_width: int
+    """Width of outlines, in pixels of the picture."""
 
 
 def resolve(state: EditorState, width: int, height: int, draft: bool = False) -> FrameSnapshot:
@@ -236,4 +242,5 @@ def resolve(state: EditorState, width: int, height: int, draft: bool = False) ->
         show_outlines=state.show_outlines,
         draft=draft,
         safe_colors=state.safe_colors,
+        line_width=max(1, round(LINE_WIDTH * state.pixel_scale)),
     )
