@@ -18,6 +18,10 @@ ID_ALPHA_CUT = 0.2
 """Alpha below which fragments are holes in the ID view."""
 
 
+LINE_WIDTH = 2
+"""Width of outlines, in pixels at scale 1."""
+
+
 class ViewMode(Enum):
     """What the viewport draws."""
 
@@ -147,7 +151,9 @@ class EditorState:
     stack: Stack | None = None
     """What lies behind each other where the user has clicked again; None unless that is listed."""
     picture_size: tuple[int, int] = (1280, 720)
-    """Width and height, in pixels, at which the view is shown."""
+    """Width and height, in pixels of the screen, at which the view is shown."""
+    pixel_scale: float = 1.0
+    """Pixels of the picture for one at scale 1, in which tools measure how far the mouse reaches."""
     path_keys: tuple[CameraKey, ...] = ()
     """Keys of the camera's path, in the film's order."""
     cut_out_screenshots: bool = False
@@ -159,7 +165,7 @@ class EditorState:
     region_visible_only: bool = True
     """Whether region tools leave out what is hidden behind something."""
     brush_radius: float = 24.0
-    """Pixels of the picture."""
+    """Pixels at scale 1."""
     brush_depth: float = 1.0
     """Metres behind what is seen that the brush reaches."""
     color_tolerance: float = 0.1
@@ -220,6 +226,8 @@ class FrameSnapshot:
     """Draw coarsely because the camera is moving."""
     safe_colors: bool
     """Show instances in colours that colour-blind eyes tell apart."""
+    line_width: int
+    """Width of outlines, in pixels of the picture."""
 
 
 def resolve(state: EditorState, width: int, height: int, draft: bool = False) -> FrameSnapshot:
@@ -234,4 +242,5 @@ def resolve(state: EditorState, width: int, height: int, draft: bool = False) ->
         show_outlines=state.show_outlines,
         draft=draft,
         safe_colors=state.safe_colors,
+        line_width=max(1, round(LINE_WIDTH * state.pixel_scale)),
     )

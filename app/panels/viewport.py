@@ -56,7 +56,8 @@ class ViewportPanel:
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
         area, at = imgui.get_content_region_avail(), imgui.get_cursor_screen_pos()
-        place = Rectangle(at.x, at.y, max(int(area.x), 16), max(int(area.y), 16))
+        density = max(imgui.get_io().display_framebuffer_scale.x, 1.0)
+        place = Rectangle(at.x, at.y, max(int(area.x), 16), max(int(area.y), 16), density)
         ui.marks["viewport"] = (place.x, place.y, place.x + place.width, place.y + place.height)
         if ui.session.document is None:
             self._empty.draw(ui, place)
@@ -67,8 +68,9 @@ class ViewportPanel:
             at = ImVec2(place.x, place.y)
             imgui.set_cursor_screen_pos(at)
         ui.marks["picture"] = (place.x, place.y, place.x + place.width, place.y + place.height)
-        ui.session.state.picture_size = (place.width, place.height)
-        picture = ui.view.show(ui.session.document, ui.session.state, place.width, place.height)
+        ui.session.state.picture_size = place.picture_size
+        ui.session.state.pixel_scale = scale_pixels(density)
+        picture = ui.view.show(ui.session.document, ui.session.state, *place.picture_size)
         keep_thumbnails(ui)
         imgui.image(imgui.ImTextureRef(picture.glo), ImVec2(place.width, place.height))
         imgui.set_cursor_screen_pos(at)
@@ -139,12 +141,12 @@ class ViewportPanel:
         if button is None:
             return viewpoint
         path = imgui.get_mouse_drag_delta(button)
-        start = (io.mouse_pos.x - path.x - place.x, io.mouse_pos.y - path.y - place.y)
+        start = place.find_pixel(io.mouse_pos.x - path.x, io.mouse_pos.y - path.y)
         first, self._drags = not self._drags, True
         preset = PRESETS[ui.session.preferences.current.preset]
         is_alt_orbit = io.key_alt and CameraDrag(LEFT, "orbit", "Alt") in preset.drags
         if button == 0 and ui.tool.drags and not is_alt_orbit:
-            self._drag_tool(ui, start, (io.mouse_pos.x - place.x, io.mouse_pos.y - place.y))
+            self._drag_tool(ui, start, place.find_pixel(io.mouse_pos.x, io.mouse_pos.y))
             return viewpoint
         if first:
             depth = ui.view.measure_depth_at(*start)
@@ -167,7 +169,7 @@ class ViewportPanel:
         """Go to what is behind, or back to what is before it, under the pointer."""
         at, snapshot = imgui.get_io().mouse_pos, ui.view.snapshot
         if snapshot is not None:
-            ui.tool.cycle(Click(at.x - place.x, at.y - place.y), snapshot, step)
+            ui.tool.cycle(Click(*place.find_pixel(at.x, at.y)), snapshot, step)
 
     def _drag_tool(self, ui: Ui, start: Point, to: Point) -> None:
         if imgui.is_key_pressed(imgui.Key.escape):
@@ -179,7 +181,7 @@ class ViewportPanel:
 
     def _update_pointer(self, ui: Ui, place: Rectangle, hovered: bool) -> None:
         io, snapshot = imgui.get_io(), ui.view.snapshot
-        x, y = io.mouse_pos.x - place.x, io.mouse_pos.y - place.y
+        x, y = place.find_pixel(io.mouse_pos.x, io.mouse_pos.y)
         if ui.script_pointer is not None:
             x, y = ui.script_pointer
         ui.pointer, ui.session.state.hovered_camera = None, None

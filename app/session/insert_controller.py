@@ -68,7 +68,9 @@ class InsertController:
         def work() -> tuple[InsertScene, Spot, UpEstimate | None]:
             source = (document.open_scene or open_scene)(path)
             spot = find_spot(document, source, viewpoint, time, edge)
-            return InsertScene.from_scene(source, str(path), spot.translation), spot, estimate_foreign_up(source, path)
+            edit = InsertScene.from_scene(source, str(path), spot.translation)
+            edit.prepare(document)
+            return edit, spot, estimate_foreign_up(source, path)
 
         def finish(result: tuple[InsertScene, Spot, UpEstimate | None]) -> None:
             edit, spot, estimate = result

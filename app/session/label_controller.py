@@ -45,10 +45,24 @@ class LabelController:
             )
 
     def split(self, split: SplitInstance) -> None:
-        """Split an instance into its separate parts; immediate where the edit is prepared."""
+        """Split an instance into its separate parts, which are looked for in the background unless that was done."""
         document = self._context.document
-        before = len(document.scene.table) if document else 0
-        if document is not None and self._context.apply(split):
+        if document is None:
+            return
+        if split.is_prepared:
+            self._split(document, split)
+            return
+        frozen = freeze_document(document)
+
+        def finish(_: tuple[int, ...]) -> None:
+            if self._context.document is document:
+                self._split(document, split)
+
+        self._jobs.submit("Looking for parts", lambda: split.prepare(frozen), finish, modal=False)
+
+    def _split(self, document: Document, split: SplitInstance) -> None:
+        before = len(document.scene.table)
+        if self._context.apply(split):
             count = len(document.scene.table) - before
             made = format_count(count, "new instance")
             self._messages.info(phrase("{instances} from {name}", instances=made, name=_find_name(document, split.id)))

@@ -38,6 +38,8 @@ COPY_GAP = 0.5
 """Metres between an object and its copy."""
 LEAST_DRIVE = 0.5
 """Metres: what goes less far stands, but for errors of its boxes."""
+COPIED_AT_ONCE = 50_000
+"""Splats up to which copies are made within a frame."""
 Ids = tuple[int, ...]
 _CHANGE_WAYS, _PARK = "Change the ways of {count} objects", "Park {count} objects"
 
@@ -221,15 +223,26 @@ class MoveController:
         self._context.apply(lambda: ResetMoves(self.ids))
 
     def duplicate(self) -> None:
-        """Copy the selection beside itself, along a lane where there is one; select the copy and take the move tool."""
+        """Copy the selection beside itself, along a lane where there is one; select the copy and take the move tool.
+
+        Many splats are copied beside the window first; edits wait for them.
+        """
         document, ids = self._context.document, self.ids
         if document is None or not ids:
             return
         lane = self.find_lane()
         direction = np.array([1.0, 0.0, 0.0]) if lane is None else lane
         edit = DuplicateInstances(ids, _as_vector(direction * (self.find_box().extent(direction) + COPY_GAP)))
-        if self.apply_and_select(edit, len(ids)):
-            self._state.tool = "move"
+        document.run_deferred()
+
+        def finish(_: None = None) -> None:
+            if self._context.document is document and self.apply_and_select(edit, len(ids)):
+                self._state.tool = "move"
+
+        if sum(document.scene.table[i].count for i in ids) < COPIED_AT_ONCE or self._context.jobs.is_blocking:
+            finish()
+        else:
+            self._context.jobs.submit("Copying splats", lambda: edit.prepare(document), finish)
 
     def apply_and_select(self, edit: AppendEdit, instances: int, mode: SelectMode = "replace") -> bool:
         """Do an edit that adds so many instances, and select them, as one step; returns whether that was done."""

@@ -89,6 +89,8 @@ def describe_window(ui: Ui) -> dict[str, Any]:
             "fy": camera.fy,
             "cx": camera.cx,
             "cy": camera.cy,
+            "width": camera.width,
+            "height": camera.height,
             "world_from_camera": camera.world_from_camera.tolist(),
         },
     }

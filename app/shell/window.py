@@ -317,8 +317,8 @@ class EditorWindow:
 
     def _before_swap(self) -> None:
         if self._wants_screenshot:
-            size = imgui.get_io().display_size
-            width, height = int(size.x), int(size.y)
+            size, density = imgui.get_io().display_size, imgui.get_io().display_framebuffer_scale
+            width, height = round(size.x * density.x), round(size.y * density.y)
             pixels = self._context.detect_framebuffer().read(viewport=(0, 0, width, height), components=3, alignment=1)
             self._screenshot = np.frombuffer(pixels, np.uint8).reshape(height, width, 3)[::-1].copy()
             self._wants_screenshot = False

@@ -12,7 +12,7 @@ from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.surface import WinnerReader, find_surface
 
 REACH = 14.0
-"""Pixels around a handle within which a press grasps it."""
+"""Pixels at scale 1 around a handle within which a press grasps it."""
 
 
 class BoxTool(PickTool):
@@ -44,7 +44,7 @@ class BoxTool(PickTool):
         """See whether a handle is under the pointer; elsewhere hover like the pick tool."""
         box = self._session.aids.box.box
         self._snapshot = snapshot
-        self._handle = None if box is None else find_handle(box, snapshot.camera, (x, y), REACH)
+        self._handle = None if box is None else self._find_handle(box, snapshot, (x, y))
         self.drags = self._handle is not None
         if self.drags:
             super().leave()
@@ -55,7 +55,7 @@ class BoxTool(PickTool):
         """Place the box at what is under the pointer; returns its instance, 0 for none."""
         document, controller = self._session.document, self._session.aids.box
         box = controller.box
-        on_handle = box is not None and find_handle(box, snapshot.camera, (click.x, click.y), REACH) is not None
+        on_handle = box is not None and self._find_handle(box, snapshot, (click.x, click.y)) is not None
         if document is None or on_handle or click.double:
             return 0
         found = find_surface(document, self._winners, snapshot, click.x, click.y)
@@ -72,7 +72,7 @@ class BoxTool(PickTool):
         if self._grasped is None:
             if controller.box is None or self._snapshot is None:
                 return
-            handle = self._handle or find_handle(controller.box, self._snapshot.camera, start, REACH)
+            handle = self._handle or self._find_handle(controller.box, self._snapshot, start)
             if handle is None:
                 return
             controller.begin_drag()
@@ -89,3 +89,6 @@ class BoxTool(PickTool):
         if self._grasped is not None:
             self._session.aids.box.change(self._grasped[1])
         self._grasped = None
+
+    def _find_handle(self, box: Box, snapshot: FrameSnapshot, at: Point) -> str | None:
+        return find_handle(box, snapshot.camera, at, REACH * self._session.state.pixel_scale)

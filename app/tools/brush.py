@@ -47,8 +47,8 @@ class BrushTool(RegionTool):
 
     @property
     def ring(self) -> float:
-        """Radius of the brush, pixels."""
-        return self._session.state.brush_radius
+        """Radius of the brush, pixels of the picture."""
+        return self._session.state.brush_radius * self._session.state.pixel_scale
 
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
         """Hover what is at this position, and keep the frame: a stroke may begin on it."""

@@ -9,6 +9,7 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
 from instdrive_core.edits.queries.compact_objects import is_compact
+from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.ways.way_keys import find_time_at, move_key
 
 
@@ -30,7 +31,7 @@ class PathTool(PickTool):
         """Take the next drag where the mouse is at a key."""
         editor = self._session.ways
         self._snapshot = snapshot
-        self.drags = editor.is_active and editor.drives and find_key_at(editor, snapshot.camera, x, y) is not None
+        self.drags = editor.is_active and editor.drives and self._find_key(snapshot.camera, x, y) is not None
         if self.drags:
             self._session.state.hovered = 0
         else:
@@ -43,7 +44,7 @@ class PathTool(PickTool):
             return
         camera = self._snapshot.camera
         if self._held is None:
-            self._held = find_key_at(editor, camera, *start)
+            self._held = self._find_key(camera, *start)
             editor.choose(self._held)
         if self._held is None or self._held >= len(editor.keys):
             return
@@ -66,12 +67,13 @@ class PathTool(PickTool):
         if document is None or not editor.is_active or click.double:
             return super().click(click, snapshot)
         camera, keys = snapshot.camera, editor.keys
-        index = find_key_at(editor, camera, click.x, click.y)
+        index = self._find_key(camera, click.x, click.y)
         if index is not None:
             editor.choose(index)
             return editor.subject
         place = find_on_ground(camera, editor.find_ground(keys[-1].time), click.x, click.y)
-        if place is not None and editor.drives and measure_to_way(editor, camera, click.x, click.y) <= WAY_PIXELS:
+        apart = measure_to_way(editor, camera, click.x, click.y)
+        if place is not None and editor.drives and apart <= WAY_PIXELS * self._session.state.pixel_scale:
             editor.add(find_time_at(keys, *place)[0])
             return editor.subject
         found = self._find_first(click.x, click.y, snapshot)
@@ -81,3 +83,6 @@ class PathTool(PickTool):
         if found != editor.subject:
             editor.extend(*place)
         return editor.subject
+
+    def _find_key(self, camera: Camera, x: float, y: float) -> int | None:
+        return find_key_at(self._session.ways, camera, x, y, self._session.state.pixel_scale)

@@ -10,7 +10,7 @@ from instdrive_app.state import FrameSnapshot, Stack
 from instdrive_core.edits.document.document import Document
 
 SAME_PLACE = 4.0
-"""Distance, in pixels, within which a second click means the same place."""
+"""Distance, in pixels at scale 1, within which a second click means the same place."""
 
 
 class PickTool:
@@ -119,8 +119,8 @@ class PickTool:
         """Count how often this place was clicked before, without modifier keys and from the same viewpoint."""
         pose = snapshot.camera.world_from_camera.tobytes()
         modified = click.shift or click.ctrl or click.alt
-        last = self._last
-        same = last is not None and last[2] == pose and abs(last[0] - click.x) + abs(last[1] - click.y) <= SAME_PLACE
+        last, reach = self._last, SAME_PLACE * self._session.state.pixel_scale
+        same = last is not None and last[2] == pose and abs(last[0] - click.x) + abs(last[1] - click.y) <= reach
         self._depth = self._depth + 1 if same and not modified and self._session.selection.ids else 0
         self._last = None if modified else (click.x, click.y, pose)
         return self._depth

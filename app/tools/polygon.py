@@ -9,7 +9,7 @@ from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.region import RegionTool
 
 CLOSING = 9.0
-"""Pixels from the first corner within which a click closes the polygon."""
+"""Pixels at scale 1 from the first corner within which a click closes the polygon."""
 
 
 class PolygonTool(RegionTool):
@@ -37,7 +37,8 @@ class PolygonTool(RegionTool):
         """Set a corner, or close the polygon; returns 0."""
         at = (click.x, click.y)
         first = self._corners[0] if self._corners else at
-        closes = len(self._corners) > 2 and np.hypot(at[0] - first[0], at[1] - first[1]) <= CLOSING
+        reach = CLOSING * self._session.state.pixel_scale
+        closes = len(self._corners) > 2 and np.hypot(at[0] - first[0], at[1] - first[1]) <= reach
         if closes or (click.double and self._corners):
             self.release(click, snapshot)
             return 0

@@ -26,20 +26,41 @@ class RowBuffers:
 
     def __init__(self) -> None:
         self._buffers: dict[str, ndarray] = {}
+        self.writes = 0
+        """How often something was written behind an array's end."""
 
-    def extend(self, name: str, array: ndarray, tail: ndarray) -> ndarray:
+    def extend(self, name: str, array: ndarray, tail: ndarray, grown: ndarray | None = None) -> ndarray:
         """Append the rows of `tail` to `array`; the result shares its memory where it came from here and has room.
 
         Views taken of a longer array before rows were dropped and others appended see the new rows.
+
+        Args:
+            grown: What `grow` made for just these.
         """
+        buffer = self.grow(name, array, tail) if grown is None else grown
+        _UNOWNED.pop(id(buffer), None)
+        self._buffers[name] = buffer
+        return buffer[: len(array) + len(tail)]
+
+    def grow(self, name: str, array: ndarray, tail: ndarray) -> ndarray:
+        """Make the buffer that `extend` would use, with all rows written.
+
+        That is nearly all the work of it, and changes nothing that is in use: another thread may do it, as long as
+        nobody extends the array meanwhile.
+        """
+        self.writes += 1
         count, total = len(array), len(array) + len(tail)
         buffer = self._buffers.get(name)
         if buffer is None and array.base is not None and _UNOWNED.get(id(array.base)) is array.base:
-            buffer = self._buffers[name] = _UNOWNED.pop(id(array.base))
+            buffer = array.base
         # Only a buffer that was made for this may be written behind the array's end: what lies there is nobody's.
         if buffer is None or array.base is not buffer or len(buffer) < total:
             buffer = np.empty((total + count // SPARE_SHARE, *array.shape[1:]), array.dtype)
             buffer[:count] = array
-            self._buffers[name] = buffer
         buffer[count:total] = tail
-        return buffer[:total]
+        return buffer
+
+    def find(self, name: str, array: ndarray) -> ndarray | None:
+        """Find the buffer whose front an array is; None where that was not made here."""
+        buffer = self._buffers.get(name)
+        return buffer if buffer is not None and array.base is buffer else None

@@ -1,5 +1,6 @@
 """Clips and runs that have an address."""
 
+import socket
 import threading
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -38,12 +39,28 @@ def s3_server():
     server.stop()
 
 
-@pytest.fixture(params=["memory", "s3"])
+@pytest.fixture(scope="session")
+def gs_server():
+    """A server of Google's storage on this machine alone, with the bucket `drives`; a skip where it is missing."""
+    pytest.importorskip("gcsfs", reason="gcsfs is not installed")
+    create = pytest.importorskip("gcp_storage_emulator.server", reason="gcp-storage-emulator is not installed")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = create.create_server("127.0.0.1", port, in_memory=True, default_bucket="drives")
+    server.start()
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("STORAGE_EMULATOR_HOST", f"http://127.0.0.1:{port}")
+        yield
+    server.stop()
+
+
+@pytest.fixture(params=["memory", "s3", "gs"])
 def place(tmp_path, request):
     """A file system with a folder of this test: the system, the folder's address, and its path in the system."""
-    if request.param == "s3":
-        request.getfixturevalue("s3_server")
-    bucket = {"memory": "", "s3": "drives/"}[request.param]
+    if request.param != "memory":
+        request.getfixturevalue(f"{request.param}_server")
+    bucket = {"memory": "", "s3": "drives/", "gs": "drives/"}[request.param]
     system, path = fsspec.filesystem(request.param), f"{bucket}{tmp_path.name}"
     yield system, f"{request.param}://{path}", path if bucket else f"/{path}"
     system.rm(path, recursive=True)

@@ -30,7 +30,7 @@ class BoxOverlay:
         for first, second in BOX_EDGES:
             pen.draw_line(box.corners[first], box.corners[second], pack_color(PICTURE_ACCENT, 0.9 if is_held else 0.4))
         for name, (x, y) in locate_handles(box, camera).items() if is_held else ():
-            at, radius = ImVec2(place.x + x, place.y + y), scale_pixels(HANDLE)
+            at, radius = ImVec2(*place.locate_pixel(x, y)), scale_pixels(HANDLE)
             draw.add_circle_filled(at, radius + scale_pixels(1.5), pack_color(PICTURE_SHADE, 0.8))
             draw.add_circle_filled(at, radius, pack_color(PICTURE_TEXT if name == CENTER else PICTURE_ACCENT))
             ui.marks[f"gizmo.box.{name}"] = (at.x - MARK, at.y - MARK, at.x + MARK, at.y + MARK)

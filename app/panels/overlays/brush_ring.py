@@ -17,9 +17,10 @@ class BrushRing:
         radius, draw, mouse = ui.tool.ring, imgui.get_window_draw_list(), imgui.get_io().mouse_pos
         if not radius or (ui.pointer is None and not ui.tool.trail):
             return
+        radius /= place.density
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
         if ui.tool.trail:
-            points: list[imgui.ImVec2Like] = [ImVec2(place.x + x, place.y + y) for x, y in ui.tool.trail]
+            points: list[imgui.ImVec2Like] = [ImVec2(*place.locate_pixel(x, y)) for x, y in ui.tool.trail]
             draw.add_polyline(points, pack_color(PICTURE_ACCENT, 0.3), 2 * radius, 0)
         draw.add_circle(mouse, radius, pack_color(PICTURE_SHADE, 0.85), 0, scale_pixels(3))
         draw.add_circle(mouse, radius, pack_color(PICTURE_TEXT), 0, scale_pixels(1.3))

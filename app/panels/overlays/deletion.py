@@ -71,17 +71,17 @@ class DeletionOverlay:
 
 
 def _draw_pattern(pattern: HolePattern, camera: Camera, place: Rectangle) -> None:
-    draw, origin = imgui.get_window_draw_list(), ImVec2(place.x, place.y)
+    draw = imgui.get_window_draw_list()
     stripes, hatching, outline = pattern.project(camera)
     # `add_quad_filled` would draw soft edges, which show where stripes meet.
     draw.prim_reserve(6 * len(stripes), 4 * len(stripes))
     blank, color = imgui.get_font_tex_uv_white_pixel(), pack_color(PICTURE_ACCENT, 0.18)
     for corners in stripes:
-        a, b, c, d = (ImVec2(origin.x + x, origin.y + y) for x, y in corners)
+        a, b, c, d = (ImVec2(*place.locate_pixel(x, y)) for x, y in corners)
         draw.prim_quad_uv(a, b, c, d, blank, blank, blank, blank, color)
     for lines, alpha, width in ((hatching, 0.35, 1.0), (outline, 0.9, 1.5)):
         for (ax, ay), (bx, by) in lines:
-            start, end = ImVec2(origin.x + ax, origin.y + ay), ImVec2(origin.x + bx, origin.y + by)
+            start, end = ImVec2(*place.locate_pixel(ax, ay)), ImVec2(*place.locate_pixel(bx, by))
             draw.add_line(start, end, pack_color(PICTURE_ACCENT, alpha), scale_pixels(width))
 
 
@@ -98,7 +98,7 @@ def _place_residue(found: DeletionFindings, scene: Scene, time: float) -> Float6
 def _draw_dots(places: Float64[ndarray, "r 3"], camera: Camera, place: Rectangle) -> None:
     draw = imgui.get_window_draw_list()
     for ((x, y),) in project_shapes(places[:, None], camera):
-        at = ImVec2(place.x + x, place.y + y)
+        at = ImVec2(*place.locate_pixel(x, y))
         draw.add_circle_filled(at, scale_pixels(DOT + 1), pack_color(PICTURE_SHADE, 0.6), 12)
         draw.add_circle_filled(at, scale_pixels(DOT), pack_color(ERROR), 12)
 

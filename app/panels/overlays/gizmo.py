@@ -75,7 +75,8 @@ class Gizmo:
             reach = LANE_METRES * axes[:, 1]
             pen.draw_dashes(moving.find_center() - reach, moving.find_center() + reach, pack_color(PICTURE_TEXT, 0.55))
         self._manipulate(ui, place, camera, operation, axes)
-        _mark_handles(ui, pen, camera, operation, moving.find_center(), axes)
+        length = scale_pixels(HANDLE_PIXELS) * place.density / camera.fx
+        _mark_handles(ui, pen, camera, operation, moving.find_center(), length * axes)
 
     def _manipulate(
         self, ui: Ui, place: Rectangle, camera: Camera, operation: Operation, axes: Float64[ndarray, "3 3"]
@@ -198,11 +199,12 @@ def _mark_handles(
     center: Float64[ndarray, "3"],
     axes: Float64[ndarray, "3 3"],
 ) -> None:
-    """Mark where the handles are, for whatever drives the window."""
+    """Mark where the handles are, for whatever drives the window; `axes` are as long as drawn at a depth of 1."""
     depth = float((camera.camera_from_world @ [*center, 1.0])[2])
-    length = scale_pixels(HANDLE_PIXELS) * depth / camera.fx
-    ends = {name: center + 0.8 * length * axes[:, column] for column, name in enumerate("xyz")}
+    axes = depth * axes
+    ends = {name: center + 0.8 * axes[:, column] for column, name in enumerate("xyz")}
     if operation == "rotate":
+        length = float(np.linalg.norm(axes[:, 0]))
         towards = (camera.position - center) @ axes[:, :2] @ axes[:, :2].T
         ends = {"z": center + RING * length * towards / max(float(np.linalg.norm(towards)), 1e-9)}
     for name, end in {**ends, "center": center}.items():

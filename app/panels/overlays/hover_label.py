@@ -26,7 +26,7 @@ class HoverLabel:
             return  # the list of what lies here stands in its place
         if document is None or ui.pointer is None or ui.session.state.hovered not in document.scene.table:
             return
-        x, y = ui.pointer
+        x, y = place.locate_pixel(*ui.pointer)
         instance = document.scene.table[ui.session.state.hovered]
         facts = [instance.class_name] if instance.class_name else []
         facts.append(f"#{instance.id}")
@@ -37,10 +37,10 @@ class HoverLabel:
         line, gap = imgui.get_text_line_height_with_spacing(), scale_pixels(18)
         width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(name).x * BOLD + 2 * line) + scale_pixels(24)
         margin = scale_pixels(6)
-        left = min(x + gap, place.width - width - margin)
+        left = min(x + gap, place.x + place.width - width - margin)
         height = 2 * line + scale_pixels(20)
-        top = y + gap if y + gap + height < place.height else y - gap - height + scale_pixels(10)
-        imgui.set_next_window_pos(ImVec2(place.x + max(left, margin), place.y + max(top, margin)))
+        top = y + gap if y + gap + height < place.y + place.height else y - gap - height + scale_pixels(10)
+        imgui.set_next_window_pos(ImVec2(max(left, place.x + margin), max(top, place.y + margin)))
         flags = imgui.WindowFlags_
         passive = flags.no_inputs | flags.no_decoration | flags.always_auto_resize | flags.no_saved_settings
         imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.92))

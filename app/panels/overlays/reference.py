@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 from imgui_bundle import ImVec2, ImVec4, imgui
@@ -26,8 +27,7 @@ def split_viewport(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | Non
     if state.comparison is not Comparison.BESIDE or not state.compares:
         return whole, None
     half = (whole.width - GAP) // 2
-    left = Rectangle(whole.x, whole.y, half, whole.height)
-    return Rectangle(whole.x + half + GAP, whole.y, whole.width - half - GAP, whole.height), left
+    return replace(whole, x=whole.x + half + GAP, width=whole.width - half - GAP), replace(whole, width=half)
 
 
 class ReferenceOverlay:
@@ -107,7 +107,7 @@ def draw_reference_beside(ui: Ui, place: Rectangle) -> None:
     _draw_plate(place.x + scale_pixels(10), place.y + scale_pixels(10), translate(ui.session.state.reference.value))
     ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
     if ui.pointer is not None:
-        x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
+        x, y = place.locate_pixel(*ui.pointer)
         arm = scale_pixels(9)
         for low, high in (((x - arm, y), (x + arm, y)), ((x, y - arm), (x, y + arm))):
             draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(PICTURE_SHADE, 0.8), scale_pixels(3))

@@ -31,18 +31,16 @@ class RegionOutline:
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
-        outline = ui.tool.outline
+        outline = tuple(place.locate_pixel(x, y) for x, y in ui.tool.outline)
         if len(outline) < 2:
             return
         draw = imgui.get_window_draw_list()
-        corners: list[imgui.ImVec2Like] = [ImVec2(place.x + x, place.y + y) for x, y in outline]
+        corners: list[imgui.ImVec2Like] = [ImVec2(x, y) for x, y in outline]
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
         draw.add_polyline(corners, pack_color(PICTURE_SHADE, 0.85), scale_pixels(2.5), imgui.ImDrawFlags_.closed)
         light = pack_color(PICTURE_TEXT)
         for x0, y0, x1, y1 in compute_dashes(outline, imgui.get_time() * PACE).tolist():
-            draw.add_line(
-                ImVec2(place.x + x0, place.y + y0), ImVec2(place.x + x1, place.y + y1), light, scale_pixels(1.2)
-            )
+            draw.add_line(ImVec2(x0, y0), ImVec2(x1, y1), light, scale_pixels(1.2))
         draw.pop_clip_rect()
         _draw_mode()
 

@@ -33,10 +33,10 @@ class StackList:
         shown, lines = _choose_lines(stack), min(len(ids), MOST_LINES)
         line, padding = imgui.get_text_line_height_with_spacing(), imgui.get_style().window_padding
         width, height = scale_pixels(WIDEST), lines * line + 2 * padding.y
-        x, y = stack.place
-        left = max(min(x + scale_pixels(GAP), place.width - width - 6), 6.0)
-        top = max(min(y + scale_pixels(GAP), place.height - height - 6), 6.0)
-        imgui.set_next_window_pos(ImVec2(place.x + left, place.y + top))
+        x, y = place.locate_pixel(*stack.place)
+        left = max(min(x + scale_pixels(GAP), place.x + place.width - width - 6), place.x + 6.0)
+        top = max(min(y + scale_pixels(GAP), place.y + place.height - height - 6), place.y + 6.0)
+        imgui.set_next_window_pos(ImVec2(left, top))
         imgui.set_next_window_size(ImVec2(width, height))
         flags = imgui.WindowFlags_
         still = flags.no_decoration | flags.no_saved_settings | flags.no_docking | flags.no_focus_on_appearing
@@ -49,7 +49,7 @@ class StackList:
         imgui.end()
         imgui.pop_style_color()
         mouse, reach = imgui.get_io().mouse_pos, scale_pixels(REACH)
-        near_place = abs(mouse.x - place.x - x) + abs(mouse.y - place.y - y) <= reach
+        near_place = abs(mouse.x - x) + abs(mouse.y - y) <= reach
         near_list = (
             low.x - reach <= mouse.x <= low.x + size.x + reach and low.y - reach <= mouse.y <= low.y + size.y + reach
         )

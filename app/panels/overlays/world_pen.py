@@ -27,7 +27,7 @@ class WorldPen:
         pixels, depths = self._camera.project(np.asarray(point)[None])
         if depths[0] < NEAREST:
             return None
-        return self._place.x + float(pixels[0, 0]), self._place.y + float(pixels[0, 1])
+        return self._place.locate_pixel(float(pixels[0, 0]), float(pixels[0, 1]))
 
     def draw_line(self, start: Float[ndarray, "3"], end: Float[ndarray, "3"], color: int) -> None:
         """Draw a straight line; the part behind the camera is left out."""
@@ -35,7 +35,7 @@ class WorldPen:
         if ends is None:
             return
         pixels, _ = self._camera.project(ends)
-        first, last = (ImVec2(self._place.x + x, self._place.y + y) for x, y in pixels.tolist())
+        first, last = (ImVec2(*self._place.locate_pixel(x, y)) for x, y in pixels.tolist())
         imgui.get_window_draw_list().add_line(first, last, color, self._thickness)
 
     def draw_dashes(self, start: Float[ndarray, "3"], end: Float[ndarray, "3"], color: int) -> None:

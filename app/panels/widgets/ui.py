@@ -30,12 +30,27 @@ Rect = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Rectangle:
-    """An area of the window, in pixels."""
+    """An area of the window, in the pixels of mouse and widgets: on some displays each is several of the screen's."""
 
     x: float
     y: float
     width: int
     height: int
+    density: float = 1.0
+    """Pixels of the screen, along each axis, for one of the window."""
+
+    @property
+    def picture_size(self) -> tuple[int, int]:
+        """Width and height of a picture that fills the area with the screen's own pixels."""
+        return round(self.width * self.density), round(self.height * self.density)
+
+    def find_pixel(self, x: float, y: float) -> tuple[float, float]:
+        """Find the place in the picture, in its pixels, of a place in the window."""
+        return (x - self.x) * self.density, (y - self.y) * self.density
+
+    def locate_pixel(self, x: float, y: float) -> tuple[float, float]:
+        """Locate a place in the picture, in its pixels, in the window."""
+        return self.x + x / self.density, self.y + y / self.density
 
 
 @dataclass
@@ -49,9 +64,9 @@ class Ui:
     fonts: Fonts
     textures: PictureTextures
     pointer: tuple[float, float] | None = None
-    """Position of the mouse in the picture (pixels); None while it is elsewhere."""
+    """Position of the mouse in the picture, in its pixels; None while it is elsewhere."""
     script_pointer: tuple[float, float] | None = None
-    """Position over the picture (pixels) where a script holds the pointer instead of the mouse."""
+    """Position in the picture, in its pixels, where a script holds the pointer instead of the mouse."""
     popup_open: bool = False
     """Whether a menu or dialog was open when the last frame ended: the key that closed it must do nothing else."""
     claimed_shortcuts: frozenset[str] = frozenset()

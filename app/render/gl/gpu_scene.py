@@ -9,10 +9,12 @@ from numpy import ndarray
 
 from instdrive_app.render.gl.programs import set_uniforms
 from instdrive_app.render.gl.splat_textures import WIDTH, ArrayTexture
+from instdrive_app.render.splat_blocks import SplatPlaces, list_move_scales
 from instdrive_app.render.world_means import WorldMeans
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.maths.rotations import normalize_quaternions
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import ColorPalette
 from instdrive_core.scene.scene import extract_node_rotations
@@ -44,6 +46,7 @@ class GpuScene:
         self._world = WorldMeans(document)
         self._new_rows = document.new_rows.create_reader()
         self._uploaded = 0
+        self._log_scales = np.zeros((0, 3), np.float32)
         self._dirty_states = document.state.create_dirty_reader()
         self._dirty_colors = document.colors.create_dirty_reader()
         self._dirty_transforms = document.transforms.create_dirty_reader()
@@ -69,6 +72,15 @@ class GpuScene:
     def means(self) -> Float32[ndarray, "n 3"]:
         """World positions (metres) at the time of the last update."""
         return self._world.values
+
+    @property
+    def places(self) -> SplatPlaces:
+        """Where the splats are and how far they reach, for whoever leaves out what is not in view."""
+        document, scene = self._document, self._document.scene
+        scales = list_move_scales(document.transforms.matrices)
+        return SplatPlaces(
+            self.means, self._log_scales, document.transforms.indices, scales, scene.nodes, scene.instance_ids
+        )
 
     @property
     def complete(self) -> bool:
@@ -140,6 +152,7 @@ class GpuScene:
             array.reserve(count)
         for array in (self.states, self.instance_ids, self.codewords):
             array.reserve(count)
+        self._log_scales = to_kernel_array(self._document.scene.gaussians.log_scales)
         fresh = self._new_rows.take()
         self._uploaded = min(self._uploaded, count if fresh is None else fresh[0])
         self.look_version += 1

@@ -23,7 +23,7 @@ class OutlinePass:
         self._mask_triangle = ctx.vertex_array(self._mask_program, [])
         self._line_triangle = ctx.vertex_array(self._line_program, [])
 
-    def draw(self, targets: Targets, scene: GpuScene, hovered: int, tint: bool = True, thickness: int = 2) -> None:
+    def draw(self, targets: Targets, scene: GpuScene, hovered: int, tint: bool, thickness: int) -> None:
         """Draw over `targets.shown`, reading `targets.rows`. `hovered` is an ID or 0; without `tint` only lines."""
         for unit, texture in enumerate((targets.rows, scene.instance_ids.texture, scene.states.texture)):
             texture.use(unit)

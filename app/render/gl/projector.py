@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_app.render.depth_order import NOTHING_SORTED, OrderSorter
+from instdrive_app.render.depth_order import NOTHING_SORTED, CulledView, DepthOrder, OrderSorter
 from instdrive_app.render.gl.gl_state import draw_into
 from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
+from instdrive_app.render.view_cone import widen_view
 from instdrive_core.rasterize.kernels.project import camera_to_row
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.rasterize.splat_looks import DOT_OPACITY, DOT_SETTINGS
@@ -47,8 +48,10 @@ class Projector:
         self._sorter = OrderSorter()
         self._uploaded = NOTHING_SORTED
         self._last_axis = np.zeros(4, np.float32)
-        self._sorted_for = np.zeros(4, np.float32), -1
+        self._sorted_for: tuple[ndarray, int] = (np.zeros(4, np.float32), -1)
         """Viewing axis and `pose_version` that the order belongs to."""
+        self._covers = False
+        """Whether the order's splats in view are all that the present camera sees."""
         self.serial = 0
         """Rises whenever the order changes."""
         self.current = False
@@ -56,8 +59,8 @@ class Projector:
 
     @property
     def count(self) -> int:
-        """Number of splats to draw: those in front of the camera, or all of them if the order is an older one."""
-        return self._uploaded.in_front if self.current else len(self._uploaded.rows)
+        """Number of splats to draw: those that may be in view, or all of them where an older order does not tell."""
+        return self._uploaded.in_view if self._covers else len(self._uploaded.rows)
 
     @property
     def depth_range(self) -> tuple[float, float]:
@@ -69,35 +72,49 @@ class Projector:
 
         Without `wait` that may happen later, and the last order serves until then.
         """
-        axis = camera.camera_from_world[2].astype(np.float32)
-        key = (axis.tobytes(), scene.pose_version)
-        if not wait and self._may_keep_order(axis, scene.pose_version):
+        axis, version = camera.camera_from_world[2].astype(np.float32), scene.pose_version
+        if not wait and self._may_keep_order(axis, version, camera):
             return
-        sort = self._sorter.sort_now if wait else self._sorter.sort_soon
-        order = sort(key, scene.means, axis, self._settings.near)
-        self.current = order.key == key
-        if self.current:
-            self._sorted_for = axis, scene.pose_version
-        if order is not self._uploaded:
-            self._reserve(len(order.rows))
-            if len(order.rows):
-                self.order.write(order.rows)
-            self._uploaded = order
-            self.serial += 1
+        if not (self._is_sorted_for(axis, version) and self._uploaded.covers(camera)):
+            cone = widen_view(camera)
+            key = (axis.tobytes(), version, cone.apex.tobytes(), cone.normals.tobytes())
+            sort = self._sorter.sort_now if wait else self._sorter.sort_soon
+            order = sort(key, scene.means, axis, self._settings.near, CulledView(cone, scene.places, version))
+            if order is not self._uploaded:
+                self._upload(order)
+        self.current = self._is_sorted_for(axis, version) and self._uploaded.covers(camera)
+        self._covers = self._sees_all_in_view(version, camera)
 
-    def _may_keep_order(self, axis: Float32[ndarray, "4"], pose_version: int) -> bool:
+    def _upload(self, order: DepthOrder) -> None:
+        self._reserve(len(order.rows))
+        if len(order.rows):
+            self.order.write(order.rows)
+        self._uploaded = order
+        self._sorted_for = np.frombuffer(order.key[0], np.float32), order.key[1]
+        self.serial += 1
+
+    def _is_sorted_for(self, axis: Float32[ndarray, "4"], version: int) -> bool:
+        return version == self._sorted_for[1] and np.array_equal(axis, self._sorted_for[0])
+
+    def _sees_all_in_view(self, version: int, camera: Camera) -> bool:
+        if self._uploaded.cone is None:
+            return self.current
+        return version == self._sorted_for[1] and self._uploaded.covers(camera)
+
+    def _may_keep_order(self, axis: Float32[ndarray, "4"], pose_version: int, camera: Camera) -> bool:
         """Whether the camera moves on and has hardly turned since the last sort: the picture would not differ.
 
         A camera that stands still gets its exact order.
         """
         moves, self._last_axis = not np.array_equal(axis, self._last_axis), axis
         sorted_for, version = self._sorted_for
-        if not moves or version != pose_version or not self._uploaded.in_front:
+        if not moves or version != pose_version or not self._uploaded.in_view or not self._uploaded.covers(camera):
             return False
         turned = float(axis[:3] @ sorted_for[:3]) < KEPT_TURN
         if turned or abs(float(axis[3] - sorted_for[3])) > KEPT_WAY:
             return False
         self.current = bool(np.array_equal(axis, sorted_for))
+        self._covers = self._sees_all_in_view(pose_version, camera)
         return True
 
     def project(self, scene: GpuScene, camera: Camera, least_dot: float | None = None) -> None:

@@ -121,7 +121,8 @@ class GlRenderer:
             return
         self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range, snapshot.safe_colors)
         if marked:
-            self._outline.draw(targets, self.scene, snapshot.hovered, tint=snapshot.view_mode not in FLAT_MODES)
+            tint = snapshot.view_mode not in FLAT_MODES
+            self._outline.draw(targets, self.scene, snapshot.hovered, tint, snapshot.line_width)
         self._keys["shown"] = shown
 
     def free_retired(self) -> None:

@@ -217,7 +217,7 @@ class SoftwareDraw:
             picture = (paint_safe_ids if snapshot.safe_colors else paint_ids)(winner, flat)
         if snapshot.show_outlines and not snapshot.draft and _has_marks(state, snapshot):
             tint = snapshot.view_mode not in FLAT_MODES
-            add_outlines(picture, winner, state.flags, state.instance_ids, snapshot.hovered, tint)
+            add_outlines(picture, winner, state.flags, state.instance_ids, snapshot.hovered, tint, snapshot.line_width)
         return picture
 
     def _find_depth_range(self, camera: Camera) -> tuple[float, float]:

@@ -67,7 +67,7 @@ def add_outlines(
     instance_ids: UInt32[ndarray, " n"],
     hovered: int,
     tint: bool,
-    thickness: int = 2,
+    thickness: int,
 ) -> None:
     """Draw lines around selected splats and around the instance `hovered` (0 for none), in place; tint the selected."""
     mask = np.empty(winner.shape, np.uint8)

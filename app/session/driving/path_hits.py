@@ -8,21 +8,25 @@ from instdrive_app.session.driving.path_editor import PathEditor
 from instdrive_core.scene.camera import Camera
 
 KEY_PIXELS, WAY_PIXELS = 11.0, 8.0
-"""Pixels around a key, and around the way, where the mouse finds them."""
+"""Pixels at scale 1 around a key, and around the way, where the mouse finds them."""
 FARTHEST = 500.0
 """Metres from the camera up to which a place on the ground is meant."""
 _NEAREST = 0.1
 
 
-def find_key_at(editor: PathEditor, camera: Camera, x: float, y: float) -> int | None:
-    """Find the key that `camera` shows at a pixel; the nearest one, None where none is near."""
+def find_key_at(editor: PathEditor, camera: Camera, x: float, y: float, pixel_scale: float = 1.0) -> int | None:
+    """Find the key that `camera` shows at a pixel; the nearest one, None where none is near.
+
+    Args:
+        pixel_scale: Pixels of the picture for one at scale 1.
+    """
     places = editor.find_places() if editor.keys else np.zeros((0, 3))
     if not len(places):
         return None
     pixels, depths = camera.project(places)
     apart = np.where(depths > _NEAREST, np.hypot(pixels[:, 0] - x, pixels[:, 1] - y), np.inf)
     nearest = int(np.argmin(apart))
-    return nearest if apart[nearest] <= KEY_PIXELS else None
+    return nearest if apart[nearest] <= KEY_PIXELS * pixel_scale else None
 
 
 def measure_to_way(editor: PathEditor, camera: Camera, x: float, y: float) -> float:

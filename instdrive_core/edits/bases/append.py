@@ -14,6 +14,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.entries import add_changed_entries
 from instdrive_core.edits.document.row_parts import RowParts
+from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.scene import Scene
@@ -41,6 +42,20 @@ class Addition:
     """Tracks of the new nodes, which are numbered after the existing ones."""
 
 
+@dataclass(frozen=True)
+class _Ready:
+    """What lies behind the document's rows already, copied beside the window or kept by undo, and when that holds."""
+
+    document: Document
+    key: tuple[DocumentVersions, int, int]
+    addition: Addition
+    grown: dict[str, ndarray]
+
+
+def _make_key(document: Document) -> tuple[DocumentVersions, int, int]:
+    return document.versions, document.first_free_id, document.spare_writes
+
+
 @dataclass
 class AppendEdit(Edit):
     """An edit that adds splats: subclasses say which, this class appends them and takes them away again."""
@@ -50,6 +65,10 @@ class AppendEdit(Edit):
     _actors_before: tuple[Track, ...] = field(default=(), init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
+    _ready: _Ready | None = field(default=None, init=False, repr=False, compare=False)
+    _parts: tuple[ndarray, ndarray, tuple[Instance, ...], tuple[Track, ...]] | None = field(
+        default=None, init=False, repr=False, compare=False
+    )
 
     @property
     def added_ids(self) -> tuple[int, ...]:
@@ -65,35 +84,62 @@ class AppendEdit(Edit):
     def shift(self) -> tuple[float, float, float]:
         """Metres in the world by which everything added is moved."""
 
+    def prepare(self, document: Document) -> None:
+        """Copy what will be added: doing it is then quick, as long as the document does not change in between.
+
+        It only reads the document, so another thread may do it while nothing is edited. Raises EditError where the
+        edit does not fit.
+        """
+        added = self.build_addition(document)
+        grown = document.grow_gaussians(added.scene)
+        self._ready = _Ready(document, _make_key(document), added, grown)
+
     def do(self, document: Document) -> bool:
         """Append rows, tracks and entries of the table."""
-        added = self.build_addition(document)
+        ready, self._ready = self._ready, None
+        if ready is not None and (ready.document is not document or ready.key != _make_key(document)):
+            ready = None
+        added = ready.addition if ready is not None else self.build_addition(document)
         if len(document.scene.actors) + len(added.tracks) >= MAX_NODES:
             raise EditError(phrase("a scene has at most {most} moving objects", most=MAX_NODES - 1))
         rows = len(document.scene) + np.arange(len(added.scene))
         self._count, self._actors_before = len(rows), document.scene.actors
         self._size_before, self._free_before = len(document.transforms), document.first_free_id
         document.set_actors((*document.scene.actors, *(_shift_track(track, self.shift) for track in added.tracks)))
-        document.append_rows(added.scene)
+        document.append_rows(added.scene, ready.grown if ready is not None else None)
         document.colors.assign(rows, added.colors)
         document.transforms.assign(rows, added.transforms)
         still = rows[added.scene.nodes == 0]
         if any(self.shift) and len(still):
             self._shift_rows(document, still)
         self._entries = tuple(entry.id for entry in added.entries)
+        self._parts = added.colors, added.transforms, added.entries, added.tracks
         add_entries(document, added.entries)
         return True
 
     def undo(self, document: Document) -> None:
-        """Take away what was added."""
+        """Take away what was added; its splats are kept in place for redo, until others are added."""
+        scene, rows = document.scene, slice(len(document.scene) - self._count, len(document.scene))
+        kept = Scene(
+            scene.gaussians.select(rows),
+            scene.instance_ids[rows],
+            scene.codewords[rows],
+            scene.nodes[rows],
+            actors=scene.actors,
+            extra={name: column[rows] for name, column in scene.extra.items()},
+        )
         restore_entries(document, dict.fromkeys(self._entries))
         document.drop_rows(self._count)
         document.transforms.truncate(self._size_before)
         document.set_actors(self._actors_before)
         document.first_free_id = self._free_before
+        if self._parts is not None:
+            buffers = document.find_gaussian_buffers()
+            self._ready = _Ready(document, _make_key(document), Addition(kept, *self._parts), buffers)
 
     def _shift_rows(self, document: Document, rows: ndarray) -> None:
         change = move_entry(np.c_[np.eye(3), np.array(self.shift)])
+        self._parts = None
         try:
             entries = add_changed_entries(document.transforms, [(RowParts.whole(rows), change)])
         except EditError:

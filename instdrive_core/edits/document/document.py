@@ -85,7 +85,8 @@ class Document:
     All that the editor shows changes through `apply`.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, first_free_id: int | None = None) -> None:
+        """`first_free_id`: where IDs of instances that are gone are not to be given again, the first never used."""
         self.scene = scene
         self.state = SplatState(len(scene))
         self.colors = ColorPalette(len(scene))
@@ -99,7 +100,7 @@ class Document:
         self._rows_version = self._track_version = self._table_version = self._surroundings_version = 0
         self.new_rows = DirtyRows(len(scene))
         """Rows that were added or replaced, for whoever holds copies of the stored parameters."""
-        self.first_free_id = _find_first_free_id(scene)
+        self.first_free_id = _find_first_free_id(scene) if first_free_id is None else first_free_id
         """No splat has or had this instance ID or a higher one; written by `bases/relabel.py`."""
         self.can_defer_bounds = False
         """Whether moves of very many instances may leave their bounds for later; who sets it calls `run_deferred`."""
@@ -223,15 +224,36 @@ class Document:
         self.scene.views, self.scene.sky, self.orientation = views, sky, orientation
         self._surroundings_version += 1
 
-    def append_rows(self, added: Scene) -> None:
+    def grow_gaussians(self, added: Scene) -> dict[str, ndarray]:
+        """Copy all parameters, and those to be added, to where `append_rows` finds them; changes nothing in use.
+
+        That is most of the work, and another thread may do it, as long as nobody adds splats meanwhile.
+        """
+        arrays = self.scene.gaussians.arrays()
+        return {name: self._buffers.grow(name, array, getattr(added.gaussians, name)) for name, array in arrays.items()}
+
+    def find_gaussian_buffers(self) -> dict[str, ndarray]:
+        """Find the buffers behind all parameters, in which those of rows just dropped still lie behind the end."""
+        arrays = self.scene.gaussians.arrays()
+        return {name: buffer for name in arrays if (buffer := self._buffers.find(name, arrays[name])) is not None}
+
+    @property
+    def spare_writes(self) -> int:
+        """Rises when something is written behind the rows' end, be it taken into the scene or not."""
+        return self._buffers.writes
+
+    def append_rows(self, added: Scene, grown: Mapping[str, ndarray] | None = None) -> None:
         """Add splats at the end, neither coloured nor moved, with no state bit set; for `AppendEdit`.
 
         SH, feature and extra columns must be the scene's, nodes those of its actors.
+
+        Args:
+            grown: What `grow_gaussians` made for the same splats, with no others added since.
         """
-        scene, count = self.scene, len(added)
+        scene, count, grown = self.scene, len(added), grown or {}
         for name, array in scene.gaussians.arrays().items():
             tail = getattr(added.gaussians, name)
-            setattr(scene.gaussians, name, self._buffers.extend(name, array, tail))
+            setattr(scene.gaussians, name, self._buffers.extend(name, array, tail, grown.get(name)))
         for name in ("instance_ids", "codewords", "nodes"):
             setattr(scene, name, self._buffers.extend(name, getattr(scene, name), getattr(added, name)))
         for name, column in scene.extra.items():

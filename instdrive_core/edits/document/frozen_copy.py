@@ -6,7 +6,6 @@ from copy import copy, deepcopy
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.table import InstanceTable
-from instdrive_core.scene.selection import Flag
 
 
 def freeze_document(document: Document) -> Document:
@@ -21,9 +20,8 @@ def freeze_document(document: Document) -> Document:
     scene.instance_ids = document.scene.instance_ids.copy()
     scene.table = InstanceTable(dict(document.scene.table.instances))
     scene.extra = dict(document.scene.extra)
-    frozen = Document(scene)
-    for flag in Flag:
-        frozen.state.change(document.state.find_rows(flag), flag, True)
+    frozen = Document(scene, document.first_free_id)
+    frozen.state.copy_from(document.state)
     frozen.transforms = deepcopy(document.transforms)
     frozen.set_first_tracks(document.first_tracks)
     frozen.replace_surroundings(scene.views, scene.sky, document.orientation)

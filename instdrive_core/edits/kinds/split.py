@@ -63,6 +63,11 @@ class SplitInstance(RelabelEdit):
         """``Split instance 17``."""
         return phrase("Split instance {id}", id=self.id)
 
+    @property
+    def is_prepared(self) -> bool:
+        """Whether parts were looked for."""
+        return self._found is not None
+
     def prepare(self, document: Document) -> tuple[int, ...]:
         """Look for the parts, which may take a second: `do` on an equal document is then quick. Returns their sizes.
 

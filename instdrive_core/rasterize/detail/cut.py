@@ -15,6 +15,9 @@ from instdrive_core.rasterize.detail.tree import BLOCK, LEVELS
 from instdrive_core.rasterize.kernels.project import camera_to_row
 from instdrive_core.scene.camera import Camera
 
+_MARGIN = 2.0
+"""Pixels by which the low-pass filter lets even a point reach into the picture."""
+
 
 @dataclass(frozen=True)
 class Cut:
@@ -44,9 +47,9 @@ def choose_cut(state: NodeState, camera: Camera, tolerance: float, near: float, 
 
 
 def _compute_planes(camera: Camera) -> ndarray:
-    """Inner normals (4, 3), in camera axes, of the planes through the camera and the picture's edges."""
-    left, right = -camera.cx / camera.fx, (camera.width - camera.cx) / camera.fx
-    top, bottom = -camera.cy / camera.fy, (camera.height - camera.cy) / camera.fy
+    """Inner normals (4, 3), in camera axes, of the planes through the camera and just outside the picture's edges."""
+    left, right = (-_MARGIN - camera.cx) / camera.fx, (camera.width + _MARGIN - camera.cx) / camera.fx
+    top, bottom = (-_MARGIN - camera.cy) / camera.fy, (camera.height + _MARGIN - camera.cy) / camera.fy
     planes = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
     return (planes / np.linalg.norm(planes, axis=1, keepdims=True)).astype(np.float32)
 

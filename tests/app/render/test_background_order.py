@@ -62,18 +62,18 @@ def eventually(condition):
         time.sleep(0.002)
 
 
-def test_what_is_in_front_comes_farthest_first_then_what_is_behind():
+def test_what_is_in_view_comes_farthest_first_then_what_is_behind():
     order = sort_by_depth("key", points([3.0, -1.0, 8.0, 0.1, np.nan, 5.0]), AXIS, NEAR)
-    assert order.rows[: order.in_front].tolist() == [2, 5, 0]
-    assert sorted(order.rows[order.in_front :].tolist()) == [1, 3]
+    assert order.rows[: order.in_view].tolist() == [2, 5, 0]
+    assert sorted(order.rows[order.in_view :].tolist()) == [1, 3]
     near, far = order.depth_range
     assert 2.9 < near < far <= 8.01
 
 
-def test_nothing_in_front_is_an_order_too():
+def test_nothing_in_view_is_an_order_too():
     for depths in ([], [-1.0]):
         order = sort_by_depth("key", points(depths), AXIS, NEAR)
-        assert (order.in_front, len(order.rows)) == (0, len(depths))
+        assert (order.in_view, len(order.rows)) == (0, len(depths))
 
 
 def test_soon_gives_the_last_order_until_the_next_is_there_and_sorts_one_at_a_time(gate):

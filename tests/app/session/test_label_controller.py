@@ -58,12 +58,14 @@ def test_split_gives_the_sizes_it_announced(session, street):
     assert len(sizes) == 2
     before = picture(street)
     session.labels.split(SplitInstance(into, 1.0))
+    finish(session)
     new = street.first_free_id - 1
     assert (street.scene.table[into].count, street.scene.table[new].count) == sizes
     assert street.scene.table[new].class_name == "Car"
     assert "1 new instance" in session.messages.log[-1].text
     undone_and_redone(street, before)
     session.labels.split(SplitInstance(into, 1.0))
+    finish(session)
     assert "smaller gap" in errors(session)[-1]
 
 
@@ -134,6 +136,7 @@ def test_repairs_are_replayed_from_their_parameters(session, street):
     fresh_street = Document(procedural_street())
     session.labels.merge(CARS)
     session.labels.split(SplitInstance(FIRST_CAR, 1.0))
+    finish(session)
     session.labels.set_class((30, 31), "Bush")
     session.selection.select((30,))
     session.labels.reassign(31)

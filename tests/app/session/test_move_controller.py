@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR
-from session_driver import errors
+from session_driver import errors, finish
 
 from instdrive_app.panels.overlays.gizmo import (
     choose_gizmo_axes,
@@ -13,6 +13,7 @@ from instdrive_app.panels.overlays.gizmo import (
     compute_gl_view,
     extract_change,
 )
+from instdrive_app.session import move_controller
 from instdrive_app.session.selection_box import BOX_EDGES
 from instdrive_app.state import Intrinsics
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows
@@ -299,6 +300,19 @@ def test_what_a_gizmo_did_is_read_from_its_matrix():
 
 
 # Copies
+
+
+def test_many_splats_are_copied_beside_the_window(session, street, monkeypatch):
+    monkeypatch.setattr(move_controller, "COPIED_AT_ONCE", 1000)
+    steps = street.history.cursor
+    assert session.actions.run("move.duplicate")
+    assert street.history.cursor == steps, "the copy is not there yet"
+    session.history.apply(DeleteInstances((FIRST_CAR,)))
+    assert street.history.cursor == steps, "edits wait for it"
+    finish(session)
+    (copy,) = session.selection.ids
+    assert street.scene.table[copy].count == street.scene.table[FIRST_CAR].count
+    assert (street.history.cursor, session.state.tool) == (steps + 1, "move")
 
 
 def test_a_copy_stands_beside_its_original_selected_and_in_hand(session, street):

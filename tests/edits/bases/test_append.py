@@ -5,6 +5,7 @@ import pytest
 from random_scene import assert_same_scene, random_gaussians, random_scene
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.fingerprint import fingerprint
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
@@ -123,6 +124,62 @@ def test_a_bare_file_becomes_one_instance_that_can_be_moved():
     document.open_scene = lambda path: scene_from_gaussians(bare.gaussians.select(slice(0, 0)))
     with pytest.raises(EditError, match="no splats"):
         document.apply(InsertScene("empty.ply"))
+
+
+@pytest.mark.parametrize("changes_between", [False, True])
+def test_what_is_copied_beforehand_becomes_the_same_document(changes_between):
+    """Also where that was in vain, because the document has changed since."""
+    plain, prepared = Document(random_scene()), Document(random_scene())
+    edit = DuplicateInstances((7, 1), (0.0, 5.0, 0.0))
+    edit.prepare(prepared)
+    before = [array.copy() for array in prepared.scene.gaussians.arrays().values()]
+    if changes_between:
+        for document in (plain, prepared):
+            document.apply(DuplicateInstances((2,), (1.0, 0.0, 0.0)))
+            document.apply(MoveInstances((7,), (1.0, 0.0, 0.0)))
+    plain.apply(DuplicateInstances((7, 1), (0.0, 5.0, 0.0)))
+    prepared.apply(edit)
+    assert_same_scene(prepared.scene, plain.scene)
+    assert fingerprint(prepared) == fingerprint(plain)
+    while prepared.history.cursor:
+        prepared.undo()
+    untouched(prepared)
+    for array, kept in zip(prepared.scene.gaussians.arrays().values(), before, strict=True):
+        np.testing.assert_array_equal(array, kept)
+    while prepared.redo():
+        pass
+    assert fingerprint(prepared) == fingerprint(plain)
+
+
+def test_what_was_copied_beforehand_is_only_put_in_place(monkeypatch):
+    document = Document(random_scene())
+    edit = DuplicateInstances((2,))
+    edit.prepare(document)
+    monkeypatch.setattr(DuplicateInstances, "build_addition", None)
+    monkeypatch.setattr(document, "grow_gaussians", None)
+    document.apply(edit)
+    assert document.scene.table[9].count == document.scene.table[2].count
+
+
+def test_redo_takes_what_undo_has_kept_unless_something_was_written_there(monkeypatch):
+    document = Document(random_scene())
+    document.apply(RecolorInstances((2,), "solid", (1.0, 0.0, 0.0)))
+    document.apply(DuplicateInstances((2, 7), (0.0, 1.0, 0.0)))
+    document.apply(MoveInstances((9,), (1.0, 0.0, 0.0)))
+    wanted = fingerprint(document)
+    for _ in range(2):
+        document.undo()
+    with monkeypatch.context() as patch:
+        patch.setattr(DuplicateInstances, "build_addition", None)
+        document.redo()
+    document.redo()
+    assert fingerprint(document) == wanted
+    for _ in range(2):
+        document.undo()
+    DuplicateInstances((1, 2), (0.0, 0.0, 1.0)).prepare(document)  # and is given up
+    for _ in range(2):
+        document.redo()
+    assert fingerprint(document) == wanted
 
 
 def test_buffers_grow_in_place_and_never_write_into_foreign_memory():

@@ -186,3 +186,26 @@ def test_scenes_without_splats_and_with_broken_ones_have_trees(scene):
     broken = build_detail_tree(Gaussians(**arrays), ids, nodes)
     assert np.isfinite(broken.means).all()
     assert np.isfinite(broken.log_scales).all()
+
+
+def test_what_reaches_into_the_picture_by_its_faintest_part_is_in_every_cut():
+    rng = np.random.default_rng(7)
+    count, view = 4000, camera(30.0, 640, 180)
+    means = np.repeat(rng.uniform(-15, 15, (count // 4, 3)), 4, axis=0).astype(np.float32)
+    scales = np.repeat(rng.uniform(-6, 0, (count // 4, 1)), 4, axis=0).repeat(3, axis=1).astype(np.float32)
+    gaussians = Gaussians(
+        means=means,
+        quats=np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        log_scales=scales,
+        opacity_logits=np.full(count, 8, np.float32),
+        sh_dc=np.zeros((count, 3), np.float32),
+        sh_rest=np.zeros((count, 0, 3), np.float32),
+        features=np.zeros((count, 0), np.float32),
+    )
+    ids, zeros = np.zeros(count, np.uint32), np.zeros(count, np.uint16)
+    opacities = gaussians.opacities
+    leaves = LeafState(means, scales, opacities, zeros.astype(np.int32), zeros, ids)
+    cut = choose_cut(fitted(build_detail_tree(gaussians, ids, zeros), leaves), view, 0.0, 0.1, Workspace())
+    seen = project(means, gaussians.quats, scales, opacities, view, DEFAULT_SETTINGS).rows
+    assert 0.2 * count < len(seen) < 0.9 * count
+    assert len(np.setdiff1d(seen, cut.splats)) == 0

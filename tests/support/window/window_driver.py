@@ -37,13 +37,13 @@ DOUBLE_CLICK = 0.5
 
 
 @contextmanager
-def editor_display():
-    """A display of the window's size, with hands; tests that need it are skipped, and say so, where there is none."""
+def editor_display(size=(1280, 720)):
+    """A display with hands; tests that need it are skipped, and say so, where there is none."""
     for tool in ("Xvfb", "xdotool"):
         if shutil.which(tool) is None:
             pytest.skip(f"{tool} is not installed")
     compile_kernels()
-    with open_virtual_display((1280, 720)):
+    with open_virtual_display(size):
         yield
 
 
@@ -63,10 +63,10 @@ def compile_kernels():
 
 
 @contextmanager
-def editor_window(scene, folder, opens=True):
+def editor_window(scene, folder, opens=True, **options):
     """An editor on a display of its own, until the block ends; `opens`: wait until the scene is there and calm."""
-    with editor_display():
-        driver = WindowDriver(scene, folder)
+    with editor_display(options.get("size", (1280, 720))):
+        driver = WindowDriver(scene, folder, **options)
         try:
             if opens:
                 driver.wait_until_open()
@@ -78,10 +78,13 @@ def editor_window(scene, folder, opens=True):
 class WindowDriver:
     """One running editor on the present display."""
 
-    def __init__(self, scene, folder, size=(1280, 720), state=None, knows_first_steps=True):
+    def __init__(self, scene, folder, size=(1280, 720), state=None, knows_first_steps=True, density=1):
+        """`density`: 2 for a display with two pixels of the screen for one of the window, in which all places are."""
         self._report = folder / "report.jsonl"
         self._errors = (folder / "stderr.txt").open("w+")
-        command = [sys.executable, "-X", "faulthandler", "-m", "instdrive_app.main", "edit", str(scene)]
+        self._density = density
+        start = ["-m", "instdrive_app.main"] if density == 1 else [str(Path(__file__).with_name("dense_editor.py"))]
+        command = [sys.executable, "-X", "faulthandler", *start, "edit", str(scene)]
         command += ["--report", str(self._report), "--size", str(size[0]), str(size[1]), "--no-remember-layout"]
         # Its own, unless another driver's is given: what that one left is offered to this one.
         chosen = (state or folder / "state") / "preferences.json"
@@ -208,16 +211,16 @@ class WindowDriver:
     def pixels_of(self, points):
         """Where world points are in the window: (n, 2)."""
         state = self.wait_until_calm()
-        left, top, right, bottom = state["widgets"]["picture"]
+        left, top, right, _ = state["widgets"]["picture"]
         lens = state["camera"]
         pose = np.array(lens["world_from_camera"])
-        size = (int(right - left), int(bottom - top))
-        camera = Camera(*(float(lens[name]) for name in ("fx", "fy", "cx", "cy")), *size, pose)
-        return camera.project(np.array(points, float))[0] + [left, top]
+        camera = Camera(*(float(lens[name]) for name in ("fx", "fy", "cx", "cy")), lens["width"], lens["height"], pose)
+        return camera.project(np.array(points, float))[0] * (right - left) / camera.width + [left, top]
 
     def move(self, x, y):
         """Move the mouse; a second, tiny move makes sure that the window hears of it."""
-        self._xdotool("mousemove", round(x) - 1, round(y), "mousemove", round(x), round(y))
+        x, y = round(x * self._density), round(y * self._density)
+        self._xdotool("mousemove", x - 1, y, "mousemove", x, y)
 
     def click(self, x, y, *modifiers, button=1):
         """Press and release, with modifier keys held; both last over some frames."""
@@ -274,7 +277,7 @@ class WindowDriver:
         self._xdotool("mousedown", button)
         for x, y in path[1:]:
             self.wait_for_frames()
-            self._xdotool("mousemove", round(x), round(y))
+            self._xdotool("mousemove", round(x * self._density), round(y * self._density))
         self.wait_for_frames()
         before_release()
         self._xdotool("mouseup", button)

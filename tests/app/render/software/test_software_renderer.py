@@ -150,6 +150,16 @@ def test_flat_views_follow_merged_instances_and_the_opacity_asked_for(software, 
     assert (software.read_rows(strict) != software.read_rows(snapshot)).any()
 
 
+def test_outlines_are_twice_as_wide_where_a_picture_has_twice_the_pixels(pair, street):
+    plain = assert_same_picture(pair, take_snapshot(street))
+    lines = [
+        (assert_same_picture(pair, take_snapshot(street, hovered=FIRST_CAR, pixel_scale=scale)) != plain).any(axis=2)
+        for scale in (1.0, 2.0)
+    ]
+    assert 1.6 < lines[1].sum() / lines[0].sum() < 2.3
+    assert lines[1][lines[0]].all()
+
+
 def test_outlines_follow_selection_and_hovering_without_blending_anew(software, street):
     software.render(take_snapshot(street))
     plain, winner = software.read_picture(), software.read_instance_ids(take_snapshot(street))
