@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_map import GROUND_BAND, GroundMap, build_ground_map
-from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
+from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells, profile_lines
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.errors import EditError
@@ -20,7 +20,9 @@ from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 
-GROUND_PIECES = ExemplarConfig(line_penalty=1.0)
+GROUND_PIECES = ExemplarConfig(line_penalty=1.0, guide_penalty=16.0)
+PROFILE_REACH = 4.0
+"""Metres along the lane over which known heights count less by e for how high the ground on a line is."""
 HEIGHT_WEIGHT = 2.0
 """A metre of height counts in the comparison of pieces like so much of a colour: a kerb like a change of 0.3."""
 ROAD_BAND = 0.08
@@ -101,7 +103,8 @@ def plan_fill(
     """
     grid = ground.grid
     values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
-    sources = choose_source_cells(values, known, hole, rng, GROUND_PIECES)
+    profile = profile_lines(ground.height, known, PROFILE_REACH / grid.size)
+    sources = choose_source_cells(values, known, hole, rng, GROUND_PIECES, profile)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
     level = _estimate_road_level(ground, known)
