@@ -102,9 +102,7 @@ def plan_fill(
     Pieces are chosen cell by cell; colours are copied in a finer grid, where their seams are blended.
     """
     grid = ground.grid
-    values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
-    profile = profile_lines(ground.height, known, PROFILE_REACH / grid.size)
-    sources = choose_source_cells(values, known, hole, rng, GROUND_PIECES, profile)
+    sources = choose_ground_pieces(ground, known, hole, rng)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
     level = _estimate_road_level(ground, known)
@@ -126,6 +124,16 @@ def plan_fill(
         places, np.clip(np.concatenate([colors[fine_hole], bed_colors]), 0, 1), near.rows[like], scales,
         near.rows[_find_replaced(grid, near, hole)],
     )  # fmt: skip
+
+
+def choose_ground_pieces(
+    ground: GroundMap, known: Bool[ndarray, "a b"], hole: Bool[ndarray, "a b"], rng: np.random.Generator
+) -> Int64[ndarray, "a b 2"] | None:
+    """For each cell of the hole the `known` cell to copy, -1 elsewhere; None where nothing is known."""
+    known = known & ~hole
+    values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
+    profile = profile_lines(ground.height, known, PROFILE_REACH / ground.grid.size)
+    return choose_source_cells(values, known, hole, rng, GROUND_PIECES, profile)
 
 
 def _lay_tiles(
