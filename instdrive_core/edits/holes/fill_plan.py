@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_map import GROUND_BAND, GroundMap, build_ground_map
-from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
+from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells, profile_lines
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.errors import EditError
@@ -20,7 +20,9 @@ from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 
-GROUND_PIECES = ExemplarConfig(line_penalty=1.0)
+GROUND_PIECES = ExemplarConfig(line_penalty=1.0, guide_penalty=16.0)
+PROFILE_REACH = 4.0
+"""Metres along the lane over which known heights count less by e for how high the ground on a line is."""
 HEIGHT_WEIGHT = 2.0
 """A metre of height counts in the comparison of pieces like so much of a colour: a kerb like a change of 0.3."""
 ROAD_BAND = 0.08
@@ -100,8 +102,7 @@ def plan_fill(
     Pieces are chosen cell by cell; colours are copied in a finer grid, where their seams are blended.
     """
     grid = ground.grid
-    values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
-    sources = choose_source_cells(values, known, hole, rng, GROUND_PIECES)
+    sources = choose_ground_pieces(ground, known, hole, rng)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
     level = _estimate_road_level(ground, known)
@@ -123,6 +124,16 @@ def plan_fill(
         places, np.clip(np.concatenate([colors[fine_hole], bed_colors]), 0, 1), near.rows[like], scales,
         near.rows[_find_replaced(grid, near, hole)],
     )  # fmt: skip
+
+
+def choose_ground_pieces(
+    ground: GroundMap, known: Bool[ndarray, "a b"], hole: Bool[ndarray, "a b"], rng: np.random.Generator
+) -> Int64[ndarray, "a b 2"] | None:
+    """For each cell of the hole the `known` cell to copy, -1 elsewhere; None where nothing is known."""
+    known = known & ~hole
+    values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
+    profile = profile_lines(ground.height, known, PROFILE_REACH / ground.grid.size)
+    return choose_source_cells(values, known, hole, rng, GROUND_PIECES, profile)
 
 
 def _lay_tiles(

@@ -12,7 +12,7 @@ from numpy import ndarray
 from scipy.spatial import ConvexHull, QhullError
 
 from instdrive_core.instances.interiors import CompactObject
-from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.track import Track
 
 MAX_DISTANCE = 40.0
@@ -63,7 +63,7 @@ def count_sightings(
     `chosen` occluders hide it."""
     seen, hidden = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
     for view in views:
-        rows = _find_in_photo(points, view)
+        rows = find_shown_points(points, view.camera)
         if not len(rows):
             continue
         blocked, by_chosen = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
@@ -89,8 +89,8 @@ def _is_within_reach(occluder: Occluder, view: CameraView) -> bool:
     return bool(np.linalg.norm(center - view.camera.position) <= reach)
 
 
-def _find_in_photo(points: Float64[ndarray, "n 3"], view: CameraView) -> Int64[ndarray, " k"]:
-    camera = view.camera
+def find_shown_points(points: Float64[ndarray, "n 3"], camera: Camera) -> Int64[ndarray, " k"]:
+    """Which points on level ground a photo shows near and large enough, if nothing stands before them."""
     offsets = points - camera.position
     distances = np.linalg.norm(offsets, axis=1)
     pixels, depths = camera.project(points)

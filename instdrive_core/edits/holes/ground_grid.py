@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numba
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64
 from numpy import ndarray
@@ -101,25 +102,38 @@ def rasterize_ground(
     """Splats (metres; opacities in 0 … 1) seen from above, all at one depth: order does not count."""
     local = ((means[:, :2] - np.array(grid.corner)) @ grid.axes.T) / grid.size
     inverse, reach = _compute_footprints(grid, quats, scales)
-    base = np.floor(local).astype(np.int64)
-    through = np.ones(grid.shape[0] * grid.shape[1])
-    weights, sums = np.zeros_like(through), np.zeros((len(through), values.shape[1]))
-    for along in range(-_MAX_CELLS, _MAX_CELLS + 1):
-        for across in range(-_MAX_CELLS, _MAX_CELLS + 1):
-            rows = np.flatnonzero(reach >= max(abs(along), abs(across)) - 1)
-            cells = base[rows] + np.array([along, across])
-            within = grid.contains(cells)
-            rows, cells = rows[within], cells[within]
-            offset = cells + 0.5 - local[rows]
-            squares = np.einsum("ni,nij,nj->n", offset, inverse[rows], offset)
-            alphas = np.where(squares < _SIGMAS**2, opacities[rows] * np.exp(-squares / 2), 0)
-            flat = np.ravel_multi_index(tuple(cells.T), grid.shape)
-            np.multiply.at(through, flat, 1 - alphas)
-            weights += np.bincount(flat, alphas, len(through))
-            for column in range(values.shape[1]):
-                sums[:, column] += np.bincount(flat, alphas * values[rows, column], len(through))
-    mean = sums / np.maximum(weights, 1e-9)[:, None]
-    return GroundRaster((1 - through).reshape(grid.shape), mean.reshape(*grid.shape, -1))
+    through, weights = np.ones(grid.shape), np.zeros(grid.shape)
+    sums = np.zeros((*grid.shape, values.shape[1]))
+    _add_splats(local, inverse, reach, opacities.astype(np.float64), values.astype(np.float64), through, weights, sums)
+    return GroundRaster(1 - through, sums / np.maximum(weights, 1e-9)[..., None])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_splats(
+    local: ndarray,
+    inverse: ndarray,
+    reach: ndarray,
+    opacities: ndarray,
+    values: ndarray,
+    through: ndarray,
+    weights: ndarray,
+    sums: ndarray,
+) -> None:
+    """Splat by splat: light that comes through, weights and weighted values of the cells in reach."""
+    for row in range(len(local)):
+        x, y = local[row]
+        steps = min(int(reach[row]) + 1, _MAX_CELLS)
+        along, across = int(np.floor(x)), int(np.floor(y))
+        for i in range(max(along - steps, 0), min(along + steps + 1, through.shape[0])):
+            for j in range(max(across - steps, 0), min(across + steps + 1, through.shape[1])):
+                u, v = i + 0.5 - x, j + 0.5 - y
+                square = inverse[row, 0, 0] * u * u + 2 * inverse[row, 0, 1] * u * v + inverse[row, 1, 1] * v * v
+                if square < _SIGMAS**2:
+                    alpha = opacities[row] * np.exp(-square / 2)
+                    through[i, j] *= 1 - alpha
+                    weights[i, j] += alpha
+                    for column in range(values.shape[1]):
+                        sums[i, j, column] += alpha * values[row, column]
 
 
 def _compute_footprints(

@@ -13,6 +13,9 @@ from numpy import ndarray
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
+MIN_TOLD = 0.3
+"""Cells right there that what is known on a line must count like, to say what the line is like."""
+
 
 @dataclass(frozen=True)
 class ExemplarConfig:
@@ -38,6 +41,9 @@ class ExemplarConfig:
     kerb goes on where it is seen before and behind the hole."""
     line_reach: float = 10.0
     """Cells along the lane over which known ones count less by e."""
+    guide_penalty: float = 0.0
+    """Added per mean squared difference of the guide where a piece comes from and where it goes: what belongs to the
+    pavement is not copied onto the road."""
     variety: float = 0.1
     """Share by which costs are drawn larger, so that no piece is repeated for a tiny advantage."""
 
@@ -51,10 +57,12 @@ def choose_source_cells(
     hole: Bool[ndarray, "a b"],
     rng: np.random.Generator,
     config: ExemplarConfig = DEFAULT_CONFIG,
+    guide: Float64[ndarray, "a b"] | None = None,
 ) -> Int64[ndarray, "a b 2"] | None:
     """For each cell of the hole the known cell to copy, -1 elsewhere; None where nothing is known.
 
-    Axis 0 runs along the lane. Cells that are neither known nor of the hole are left out of comparisons.
+    Axis 0 runs along the lane. Cells that are neither known nor of the hole are left out of comparisons. A `guide` says
+    of every cell, known or not, what belongs there.
     """
     known = known & ~hole
     window = _cut_window(known, config)
@@ -66,6 +74,8 @@ def choose_source_cells(
     patches = sliding_window_view(padded, (window, window), axis=(0, 1))
     middles = _find_whole_windows(known, window)
     candidates = np.moveaxis(patches[tuple(middles.T)], 1, -1).copy()
+    guided = np.pad(np.zeros(hole.shape) if guide is None else guide, pad, mode="edge")
+    guides = sliding_window_view(guided, (window, window))[tuple(middles.T)].copy()
     lines = continue_lines(values, known, config.line_reach) if config.line_penalty else np.full(values.shape, np.nan)
     lines = np.pad(lines, ((pad, pad), (pad, pad), (0, 0)), constant_values=np.nan)
     sources, uses = np.full((*hole.shape, 2), -1), np.zeros(len(middles))
@@ -82,6 +92,8 @@ def choose_source_cells(
                 costs += config.line_penalty * ((brought - on_lines)[:, told] ** 2).sum(axis=2).mean(axis=1)
             old = np.concatenate([padded[part][there], on_lines[told]])
             costs += differences.mean(axis=1) + config.novelty_penalty * _measure_novelty(brought, old)
+        if guide is not None:
+            costs += config.guide_penalty * ((guides[:, todo[part]] - guided[part][todo[part]]) ** 2).mean(axis=1)
         away = np.abs(middles - middle)
         costs = costs + config.across_penalty * away[:, 1] ** 2 + config.along_penalty * away[:, 0]
         costs += config.reuse_penalty * uses
@@ -106,6 +118,22 @@ def continue_lines(
     weights = np.exp(-np.abs(steps[:, None] - steps) / reach)
     sums, total = np.einsum("ij,jbv->ibv", weights, np.where(known[..., None], values, 0)), weights @ known
     return np.where((total >= 1)[..., None], sums / np.maximum(total, 1)[..., None], np.nan)
+
+
+def profile_lines(
+    values: Float64[ndarray, "a b"], known: Bool[ndarray, "a b"], reach: float
+) -> Float64[ndarray, "a b"]:
+    """What every cell's line along axis 0 is like: the mean of what is known on it, where a cell `reach` cells farther
+    counts less by e. Lines on which nothing is known lie between those beside them; 0 where there are none at all."""
+    steps = np.arange(len(values))
+    weights = np.exp(-np.abs(steps[:, None] - steps) / reach)
+    sums, total = weights @ np.where(known, values, 0), weights @ known
+    profiles, places = np.zeros(values.shape), np.arange(values.shape[1])
+    for profile, line_sums, line_total in zip(profiles, sums, total, strict=True):
+        told = line_total >= MIN_TOLD
+        if told.any():
+            profile[:] = np.interp(places, places[told], line_sums[told] / line_total[told])
+    return profiles
 
 
 def _measure_novelty(brought: Float64[ndarray, "c f v"], filled: Float64[ndarray, "t v"]) -> Float64[ndarray, " c"]:

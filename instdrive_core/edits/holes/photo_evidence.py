@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 from numpy import ndarray
 from scipy import ndimage
 
@@ -19,7 +19,7 @@ from instdrive_core.rasterize.kernels.project import project
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.scene import place_in_world
+from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import copy_transformed
 
@@ -116,11 +116,12 @@ def gather_photo_evidence(
     drawn = copy_transformed(scene.gaussians, document.transforms, alive)
     own = np.isin(alive, rows, assume_unique=True)
     tally = _Tally(len(alive), own | np.isin(alive, np.concatenate([np.zeros(0, np.int64), *kept])))
-    looks = [tally.add(document, view, camera, drawn, alive, own) for view, camera in chosen]
+    looks = [tally.add(document, view, camera, drawn, alive, own) for view, camera in _sort_by_time(chosen)]
     doubted = np.flatnonzero(
         (tally.uncovered >= MIN_WEIGHT) & (tally.reaching < MIN_REACHING) & (scene.nodes[alive] == 0)
     )
-    for view, camera in _choose_witnesses(scene.views, drawn.means[doubted].astype(np.float64), chosen):
+    witnesses = _choose_witnesses(scene.views, drawn.means[doubted].astype(np.float64), chosen)
+    for view, camera in _sort_by_time(witnesses):
         tally.add(document, view, camera, drawn, alive, own)
     movable = (scene.nodes[alive] == 0) & ~own & ((document.state.flags[alive] & Flag.LOCKED) == 0)
     if SYNTHETIC in scene.extra:
@@ -146,6 +147,8 @@ class _Tally:
         self.uncovered = np.zeros(count)
         self.reaching = np.zeros(count, np.int64)
         self.left: list[BlendWeights] = []
+        self.placed: tuple[float, tuple[ndarray, ndarray, ndarray]] | None = None
+        """The last moment and what `_place` found: photos of several cameras show the same one."""
 
     def add(
         self,
@@ -158,12 +161,11 @@ class _Tally:
     ) -> Look:
         """Look with and without the thing, whose splats are `own`."""
         scene = document.scene
-        poses, present = scene.find_node_poses(view.time)
-        nodes = scene.nodes[alive]
-        means, quats = place_in_world(drawn.means, drawn.quats, nodes, poses)
-        opacities = np.where(present[nodes], drawn.opacities, np.float32(0))
+        if self.placed is None or self.placed[0] != view.time:
+            self.placed = view.time, _place(scene, drawn, alive, view.time)
+        placed, turned, solid = self.placed[1]
         pixels, settings = np.arange(camera.width * camera.height), choose_raster_settings(scene)
-        placed, turned, sizes, solid = map(to_kernel_array, (means, quats, drawn.log_scales, opacities))
+        sizes = to_kernel_array(drawn.log_scales)
         projection = project(placed, turned, sizes, solid, camera, settings)
         full = weigh_projected(projection, camera, pixels, settings)
         shares = _sum_by_pixel(full, np.where(own[full.rows], full.weights, 0))
@@ -180,7 +182,7 @@ class _Tally:
         self.uncovered += uncovered
         self.reaching += (beside >= REACHED_SHARE * (beside + uncovered)) & (beside >= MIN_WEIGHT / 2)
         forward = camera.camera_from_world[2]
-        depths = means[own] @ forward[:3] + forward[3]
+        depths = placed[own] @ forward[:3] + forward[3]
         nearest = float(np.quantile(depths, NEAR_SHARE))
         return Look(camera, view.time, silhouette, np.zeros_like(silhouette), nearest)
 
@@ -190,6 +192,21 @@ class _Tally:
         covers = _sum_by_pixel(left, np.where(lost[left.rows], 0, left.weights))
         opened[look.silhouette] = covers < MIN_COVER
         return replace(look, open=opened)
+
+
+def _sort_by_time(views: Sequence[tuple[CameraView, Camera]]) -> list[tuple[CameraView, Camera]]:
+    return sorted(views, key=lambda each: each[0].time)
+
+
+def _place(
+    scene: Scene, drawn: Gaussians, alive: Int64[ndarray, " n"], time: float
+) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n 4"], Float32[ndarray, " n"]]:
+    """Means, quaternions and opacities of the rows `alive` at `time` (s)."""
+    poses, present = scene.find_node_poses(time)
+    nodes = scene.nodes[alive]
+    means, quats = place_in_world(drawn.means, drawn.quats, nodes, poses)
+    opacities = np.where(present[nodes], drawn.opacities, np.float32(0))
+    return to_kernel_array(means), to_kernel_array(quats), to_kernel_array(opacities)
 
 
 def _sum_by_row(found: BlendWeights, chosen: Bool[ndarray, "h w"], count: int) -> Float64[ndarray, " n"]:

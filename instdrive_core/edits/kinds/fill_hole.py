@@ -63,7 +63,8 @@ class FillHole(AppendEdit):
     seed: int = 0
     """Seed of the choice among pieces of ground that fit equally well."""
     lit: bool = False
-    """Whether the hole lies in the sun, so that ground in the shadow of other things is not copied."""
+    """Whether shaded ground is not copied into a hole in the sun. Only projects of earlier versions ask for this: a
+    thing in the shade has dark ground beside it, too, and what was copied there came from the sun."""
     behind: tuple[int, ...] = ()
     """Deleted instances: what no photo reached past them is closed, too, and what it showed instead is deleted."""
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
@@ -240,5 +241,4 @@ def make_fill_hole(hole: Hole, name: str, seed: int = 0) -> FillHole:
     """The edit that fills a hole and replaces the ground in the shadow."""
     grid = hole.grid
     cells = tuple((along, across) for along, across in np.concatenate([hole.cells, hole.shadow]).tolist())
-    lit = len(hole.shadow) > 0
-    return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, lit, hole.behind)
+    return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, behind=hole.behind)

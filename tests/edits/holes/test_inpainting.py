@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from instdrive_core.edits.holes.fill_plan import GROUND_PIECES
-from instdrive_core.edits.holes.inpainting import choose_source_cells, continue_lines
+from instdrive_core.edits.holes.inpainting import choose_source_cells, continue_lines, profile_lines
 
 
 def _make_kerb() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -50,3 +50,31 @@ def test_nearer_cells_say_more() -> None:
     known[5:25] = False
     lines = continue_lines(values, known, 5.0)[:, 0, 0]
     assert lines[6] < 0.1 < 0.9 < lines[23]
+
+
+def test_a_kerb_goes_on_where_only_its_height_far_away_is_known() -> None:
+    """Other cars hide the pavement so far before and behind the hole that its colours there say nothing."""
+    rng = np.random.default_rng(0)
+    pavement = np.arange(30) >= 18
+    color = np.where(pavement, 0.5, 0.3) + 0.02 * rng.standard_normal((120, 30))
+    height = np.where(pavement, 0.12, 0.0) + 0.03 * rng.standard_normal((120, 30))
+    hole, known = np.zeros((120, 30), bool), np.ones((120, 30), bool)
+    hole[45:75, 12:] = True
+    known[14:106, 12:] = False
+    values = np.dstack([np.repeat(color[..., None], 3, axis=2), 2 * height])
+    profile = profile_lines(height, known, 20)
+    wrong = []
+    for guide in (profile, None):
+        sources = choose_source_cells(values, known, hole, np.random.default_rng(0), GROUND_PIECES, guide)
+        assert sources is not None
+        wrong.append(float(np.mean(np.abs(color[tuple(sources[hole].T)] - color[hole]) > 0.1)))
+    assert wrong[0] <= 0.05
+    assert wrong[1] > 0.5
+
+
+def test_lines_without_known_cells_lie_between_their_neighbours() -> None:
+    values = np.repeat(np.arange(5.0)[None] ** 2, 8, axis=0)
+    known = np.ones((8, 5), bool)
+    known[:, 2] = False
+    assert np.allclose(profile_lines(values, known, 3.0), [0, 1, 5, 9, 16])
+    assert not profile_lines(values, np.zeros_like(known), 3.0).any()
