@@ -7,9 +7,10 @@ for 120 views.
 
 Counterfactual: a parked car is deleted, another one and a driving one are moved by 3 m, in the editor's scene and in
 the street itself, which is ray-traced again. `edit_psnr` is over the pixels that the edits change
-(`edit_psnr_before`: over the same pixels without edits, what the scene reaches at all; `edit_psnr_trusted`: over
-those with a confidence of at least a half, `edit_trusted_share` of them; `edit_psnr_median_view`: of the median
-photo), `edit_mask_iou` the overlap of the moved cars' masks.
+(`edit_psnr_before`: over the same pixels without edits, what the scene reaches at all; `edit_psnr_seen`: over those,
+`edit_seen_share` of them, whose point of the street some training photo shows, wherever it was then;
+`edit_psnr_trusted`: over those with a confidence of at least a half, `edit_trusted_share` of them;
+`edit_psnr_median_view`: of the median photo), `edit_mask_iou` the overlap of the moved cars' masks.
 
 `serve_ms` and its kin are what `benchmarks.serving` measures of the same run.
 """
@@ -32,6 +33,7 @@ from numpy import ndarray
 
 from benchmarks.box_overlap import compute_box_iou
 from benchmarks.hole_streets import train_street
+from benchmarks.seen_truth import find_seen_pixels, place_camera
 from benchmarks.serving import measure_serving
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.registry import load_clip
@@ -198,10 +200,12 @@ def _measure_edits(folder: Path, document: Document, clip: Clip, count: int) -> 
     record_drive(folder / "edited", drive)
     squares: dict[str, list[ndarray]] = {"after": [], "before": []}
     trusted: list[ndarray] = []
+    maps: list[ndarray] = []
     shared, joined = 0, 0
     for view in views:
         before, after = _photograph(street, clip, view), _photograph(edited.street, clip, view)
         changed = _find_changes(before, after)
+        maps.append(changed)
         squares["after"].append(
             _square(read_color(folder / "edited" / name_file("color", view, ".png")), after)[changed]
         )
@@ -215,8 +219,12 @@ def _measure_edits(folder: Path, document: Document, clip: Clip, count: int) -> 
             true, shown = after.labels == edited.street.actor_id(actor), ids == instance
             if true.sum() >= LEAST_SEEN:
                 shared, joined = shared + int((true & shown).sum()), joined + int((true | shown).sum())
+    seen = find_seen_pixels(street, edited.street, clip, views, maps)
+    known = [each[changed] for each, changed in zip(seen, maps, strict=True)]
     return {
         "edit_psnr": _to_decibels(squares["after"]),
+        "edit_psnr_seen": _to_decibels([each[sure] for each, sure in zip(squares["after"], known, strict=True)]),
+        "edit_seen_share": round(float(np.concatenate(known).mean()), 4),
         "edit_psnr_trusted": _to_decibels([each[sure] for each, sure in zip(squares["after"], trusted, strict=True)]),
         "edit_trusted_share": round(float(np.concatenate(trusted).mean()), 4),
         "edit_psnr_median_view": float(np.median([_to_decibels([each]) for each in squares["after"] if len(each)])),
@@ -325,9 +333,7 @@ def _choose_views(clip: Clip, street: Street, touched: tuple[int, ...], count: i
 
 
 def _photograph(street: Street, clip: Clip, view: CameraView) -> RenderedPhoto:
-    pose = view.camera.world_from_camera.copy()
-    pose[:3, 3] += clip.origin
-    camera = replace(view.camera, world_from_camera=np.linalg.inv(street.world_from_street()) @ pose)
+    camera = place_camera(street, clip, view.camera)
     return StepRenderer(street.geometry(view.time), street.materials, street.light).photograph(camera)
 
 

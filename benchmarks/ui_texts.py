@@ -35,7 +35,7 @@ UNREAD_CALLS = frozenset(
 )
 """Functions whose arguments nobody reads in the window."""
 NOT_TEXT = re.compile(
-    r"ICON_\w+|##.*|[a-z]+(-[a-z]+)+-?|\S*(->|\[A-Z)\S*|[A-Z][A-Z0-9_]+|\w*[./%:_]\S*|((Ctrl|Alt|Shift)\+)+\S+|F\d+|(Page|Left|Right)[A-Z]\w+|"
+    r"ICON_\w+|##.*|(--)?[a-z]+(-[a-z]+)+-?|\S*(->|\[A-Z)\S*|[A-Z][A-Z0-9_]+|\w*[./%:_]\S*|((Ctrl|Alt|Shift)\+)+\S+|F\d+|(Page|Left|Right)[A-Z]\w+|"
     r"(Ctrl|Alt|Shift|Enter|Escape|Space|Backspace|End|Home|Tab|Right|RightBottom|Bottom|Beside|MainDockSpace|Wanted|Value|Selection)"
 )
 """Whole literals that are icons, IDs, constants, names of files and formats, keys or type variables."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from instdrive_app.action import Action
 from instdrive_app.actions.conditions import put_request
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import ShowPanel
+from instdrive_app.session.requests import AskPath, ShowPanel
 
 _WORDS = ("path", "track", "keys", "drive", "trajectory", "vehicle", "speed")
 
@@ -35,6 +35,17 @@ def list_actions(session: EditorSession) -> list[Action]:
             icon="ICON_FA_MINUS",
             words=_WORDS,
             needs="Take the path tool (Shift+T) and click a key first",
+            undoable=True,
+        ),
+        Action(
+            "way.read",
+            "Read the way from a file…",
+            put_request(session, AskPath("read_way")),
+            "Move",
+            enabled=lambda: session.document is not None and ways.subject != 0,
+            icon="ICON_FA_FILE_IMPORT",
+            words=(*_WORDS, "OpenSCENARIO", "xosc", "json", "import"),
+            needs="Select something that drives, or a parked thing",
             undoable=True,
         ),
         Action(

@@ -13,7 +13,7 @@ from typing import ClassVar, Literal, TypeVar
 from instdrive_app.session.export_kinds import What
 from instdrive_core.errors import SceneTooLargeError
 
-PathPurpose = Literal["open", "insert", "save", "export_keys", "import_keys"]
+PathPurpose = Literal["open", "insert", "save", "export_keys", "import_keys", "read_way"]
 
 
 def do_nothing() -> None:

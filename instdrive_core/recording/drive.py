@@ -17,7 +17,7 @@ from instdrive_core.project.open import open_document
 from instdrive_core.project.sources import SceneSources
 from instdrive_core.recording.annotations import find_annotated_tracks
 from instdrive_core.recording.depth_files import DepthFormat
-from instdrive_core.recording.lidar import OWN, Lidar, build_sweep_caster, choose_lidar
+from instdrive_core.recording.lidar import Lidar, build_sweep_caster, choose_lidar
 from instdrive_core.recording.plan import RecordOptions, plan_camera_views, plan_rig_views, plan_views
 from instdrive_core.recording.shutter import RollingRig, build_rolling_rig
 from instdrive_core.recording.sweep_files import CastSweep
@@ -27,6 +27,7 @@ from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import Similarity
+from instdrive_core.sweeps.sensor import OWN
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from jaxtyping import Float64
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from instdrive_core.errors import OptionError
+from instdrive_core.errors import DataError, OptionError
+from instdrive_core.formats.objects.scenario_ways import MARK, is_scenario, read_scenario_way
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.track import Track
@@ -30,7 +31,9 @@ BRAKE_SECONDS = 2.0
 """Time from the first braking until the car stands."""
 _LEAST_WAY = 1.0
 """Metres of the drive from which the way says where forward is."""
-_FORMS = "shift=METRES, lane=METRES@SECONDS or lane=METRES@FROM-TO, speed=FACTOR, stop=SECONDS, path=FILE"
+_EGO_NAMES = ("Ego", "ego", "EGO", "hero", "Hero")
+"""Entities that are taken for the recording car where several have ways."""
+_FORMS = "shift=METRES, lane=METRES@SECONDS or lane=METRES@FROM-TO, speed=FACTOR, stop=SECONDS, path=FILE or FILE.xosc"
 
 
 @dataclass(frozen=True)
@@ -49,13 +52,16 @@ class EgoChange:
 
 
 def parse_ego_change(text: str) -> EgoChange:
-    """Parse ``shift=1.5``, ``lane=-3.5@2``, ``lane=3.5@2-6``, ``speed=0.5``, ``stop=3`` or ``path=way.json``.
+    """Parse ``shift=1.5``, ``lane=-3.5@2``, ``lane=3.5@2-6``, ``speed=0.5``, ``stop=3``, ``path=way.json``,
+    ``path=drive.xosc#Ego`` or ``drive.xosc``.
 
     Raises OptionError, and DataError for a file that holds no way.
     """
     name, _, file = text.strip().partition("=")
     if name == "path" and file:
-        return EgoChange("path", 0.0, drawn=read_drawn_way(Path(file)))
+        return EgoChange("path", 0.0, drawn=read_way_file(file))
+    if is_scenario(text.strip()):
+        return EgoChange("path", 0.0, drawn=read_way_file(text.strip()))
     number = r"([+-]?\d+(?:\.\d+)?)"
     found = re.fullmatch(rf"(shift|speed|stop)={number}|lane={number}@{number}(?:-{number})?", text.strip())
     if found is None:
@@ -71,18 +77,41 @@ def parse_ego_change(text: str) -> EgoChange:
     return change
 
 
-def reroute_views(views: Sequence[CameraView], changes: Sequence[EgoChange]) -> tuple[CameraView, ...]:
+def read_way_file(name: str) -> DrawnWay:
+    """Read the way of the recording car: a file of keys, or an OpenSCENARIO file, with `#ENTITY` or without.
+
+    An entity's reference point is driven by the camera with the most views. Raises DataError, and OptionError where it
+    is not clear whose way is meant.
+    """
+    if not is_scenario(name):
+        return read_drawn_way(Path(name))
+    keys = read_scenario_way(name, np.zeros(3), _EGO_NAMES, follows_middle=False)
+    if len(keys) < 2:
+        raise DataError(Path(name.split(MARK)[0]), "the way has one vertex only", "Give it two at least")
+    headings = tuple(key.heading for key in keys if key.heading is not None)
+    return DrawnWay(
+        tuple((key.x, key.y) for key in keys),
+        times=tuple(key.time for key in keys),
+        headings=headings if len(headings) == len(keys) else (),
+        in_world=True,
+    )
+
+
+def reroute_views(
+    views: Sequence[CameraView], changes: Sequence[EgoChange], origin: Float64[ndarray, "3"]
+) -> tuple[CameraView, ...]:
     """Move the cameras of all views onto the changed way: the rig stays as it is, moments stay the same.
 
     Args:
         views: all views of the drive, so that the way is known between them and beyond those that are recorded.
         changes: what is changed. Raises OptionError where a drawn way leads too far from the recorded one.
+        origin: of the scene, in the data set's world.
     """
     if not changes or not views:
         return tuple(views)
     recorded = find_ego_way(views)
     drawn = next((change.drawn for change in changes if change.drawn is not None), None)
-    way = recorded if drawn is None else drive_drawn_way(recorded, drawn)
+    way = recorded if drawn is None else drive_drawn_way(recorded, drawn.place_in_scene(origin))
     start = float(recorded.times[0])
     moved = []
     for view in views:
@@ -115,6 +144,7 @@ def find_ego_way(views: Sequence[CameraView]) -> Track:
 def drive_drawn_way(recorded: Track, drawn: DrawnWay) -> Track:
     """Drive a drawn way: heading along it, as high and as inclined as the recorded car was nearest to each place.
 
+    Both are in the scene.
     Raises OptionError where a place is farther than `FARTHEST` metres from the recorded way.
     """
     keys = time_way(drawn, recorded)

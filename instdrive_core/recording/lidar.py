@@ -25,9 +25,7 @@ from instdrive_core.sweeps.offsets import learn_offsets
 from instdrive_core.sweeps.pattern import Pattern, trace_pattern
 from instdrive_core.sweeps.place import find_sensor_place
 from instdrive_core.sweeps.rig import Rig, build_rig
-from instdrive_core.sweeps.sensor import find_sensor
-
-OWN, NONE = "own", "none"
+from instdrive_core.sweeps.sensor import NONE, OWN, find_sensor
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def plan_camera_views(scene: Scene, options: RecordOptions) -> tuple[CameraView,
 
 def plan_rig_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
     """Plan the views of the drive's cameras at all moments, on the way that is recorded: where the car is."""
-    return tuple(reroute_views(choose_views(scene), options.ego))
+    return tuple(reroute_views(choose_views(scene), options.ego, scene.origin))
 
 
 def describe_view(view: CameraView) -> dict[str, Any]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +45,8 @@ class Limits:
     """Size of a request."""
     objects: int = 1000
     """Things that a request may place."""
+    rate: int = 64_000_000
+    """Pixels and rays a second that all requests together may ask for."""
 
 
 USUAL_LIMITS = Limits()
@@ -61,6 +66,35 @@ class RequestError(InstDriveError):
         shown = shown if len(shown) <= _SHOWN else shown[:_SHOWN] + "…"
         super().__init__(f"{field} is {shown}; {remedy}")
         self.field, self.remedy = field, remedy
+
+
+class TooFastError(InstDriveError):
+    """Requests ask for more than the server answers in that time; the message says when to ask again."""
+
+
+class Rate:
+    """Lets so many pixels and rays a second pass; after a rest, as many at once as a second or one request has.
+
+    Args:
+        limits: `rate` a second, and `pixels` of one request.
+        read_clock: seconds that only rise.
+    """
+
+    def __init__(self, limits: Limits, read_clock: Callable[[], float] = time.monotonic) -> None:
+        self._rate, self._most, self._read = limits.rate, max(limits.rate, limits.pixels), read_clock
+        self._left, self._read_at, self._lock = float(self._most), read_clock(), threading.Lock()
+
+    def take(self, count: int) -> None:
+        """Take pixels or rays of one request. Raises TooFastError, and takes none, where too few are left."""
+        with self._lock:
+            now = self._read()
+            self._left = min(self._left + (now - self._read_at) * self._rate, self._most)
+            self._read_at = now
+            missing = min(count, self._most) - self._left
+            if missing > 0:
+                wait = f"ask again in {missing / self._rate:.1f} s"
+                raise TooFastError(f"the server answers {self._rate:,} pixels and rays a second; {wait}")
+            self._left -= count
 
 
 @dataclass(frozen=True)

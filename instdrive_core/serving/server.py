@@ -10,7 +10,7 @@ from typing import Any
 
 from instdrive_core.errors import OptionError
 from instdrive_core.serving.messages import SERVICE, list_methods, pack_message
-from instdrive_core.serving.requests import RequestError
+from instdrive_core.serving.requests import RequestError, TooFastError
 from instdrive_core.serving.service import SensorService
 
 _LOG = logging.getLogger(__name__)
@@ -86,6 +86,8 @@ def _build_handler(answer: Callable[[Any], Any], kind: Any, turn: threading.Lock
             context.abort(grpc.StatusCode.INVALID_ARGUMENT, problem)
         except RequestError as error:
             context.abort(grpc.StatusCode.INVALID_ARGUMENT, str(error))
+        except TooFastError as error:
+            context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
         except MemoryError:
             problem = "the server has not the memory for this request; ask for smaller pictures"
             context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, problem)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from instdrive_core.scene.camera import CameraView
 from instdrive_core.serving.client import build_picture_request
 from instdrive_core.serving.messages import find_enum_value, find_message_class
 from instdrive_core.serving.pictures import draw_ordered_picture, read_picture_order
-from instdrive_core.serving.requests import USUAL_LIMITS, Limits, RequestError, require_pixels, write_pose
+from instdrive_core.serving.requests import USUAL_LIMITS, Limits, Rate, RequestError, require_pixels, write_pose
 from instdrive_core.serving.stage import Stage, Unnamed, build_stage
 from instdrive_core.serving.sweeps import AS_ASKED, ServedLidar
 from instdrive_core.sweeps.rig import Rig, build_rig
@@ -39,10 +39,12 @@ class SensorService:
     last: float
     """End of the drive, seconds."""
     limits: Limits = USUAL_LIMITS
+    rate: Rate = field(default_factory=lambda: Rate(USUAL_LIMITS))
+    """What is left of the pixels and rays that may be asked for by now."""
 
     def with_limits(self, limits: Limits) -> SensorService:
         """Return the same service with other limits."""
-        return replace(self, limits=limits)
+        return replace(self, limits=limits, rate=Rate(limits))
 
     def warm_up(self) -> None:
         """Draw and cast once, so that the first request does not wait for what is compiled."""
@@ -69,7 +71,7 @@ class SensorService:
     def render_lidar(self, request: Any) -> Any:
         """Cast a sweep."""
         self._check_scene(request.scene_id)
-        return self.lidar.cast(self.stage, request, self.last, self.limits)
+        return self.lidar.cast(self.stage, request, self.last, self.limits, self.rate)
 
     def render_aggregated(self, request: Any) -> Any:
         """Draw pictures and cast sweeps."""
@@ -124,6 +126,7 @@ class SensorService:
             orders.append(read_picture_order(request, self.last, self.limits))
             pixels += orders[-1].camera.width * orders[-1].camera.height
             require_pixels(pixels, self.limits)
+        self.rate.take(pixels)
         answer = find_message_class("RGBRenderReturn")
         pairs = zip(requests, orders, strict=True)
         return [answer(image_bytes=draw_ordered_picture(self.stage, each, order, self.limits)) for each, order in pairs]
@@ -174,6 +177,7 @@ def open_sensor_service(
     unnamed: Unnamed = "drive",
     limits: Limits = USUAL_LIMITS,
     cameras: Path | None = None,
+    ray_drop: bool = False,
 ) -> tuple[SensorService, tuple[str, ...]]:
     """Open a run, a scene folder or a project to be served; also what the user should know.
 
@@ -184,10 +188,11 @@ def open_sensor_service(
         unnamed: what moving things do that a request does not name.
         limits: what one client may cost.
         cameras: JSON file of the cameras that are listed; None: the drive's own.
+        ray_drop: whether surfaces lose rays as often as in the sweeps of the run's clip.
 
     Raises DataError, SceneTooLargeError and OptionError as opening a drive does.
     """
-    options = RecordOptions(lidar=lidar or AS_ASKED, rig=cameras)
+    options = RecordOptions(lidar=lidar or AS_ASKED, rig=cameras, ray_drop=ray_drop)
     drive = open_drive(path, options)
     assert drive.lidar is not None
     views = choose_views(drive.scene)
@@ -196,4 +201,4 @@ def open_sensor_service(
     name = path.resolve().stem or "scene"
     served = ServedLidar(drive.lidar, lidar is not None)
     listed = plan_camera_views(drive.scene, options)
-    return SensorService(name, stage, served, build_rig(views), listed, max(ends), limits), drive.notes
+    return SensorService(name, stage, served, build_rig(views), listed, max(ends), limits, Rate(limits)), drive.notes

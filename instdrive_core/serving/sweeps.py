@@ -12,7 +12,7 @@ from numpy import ndarray
 from instdrive_core.recording.lidar import Lidar, cast_pattern
 from instdrive_core.scene.scene import Scene
 from instdrive_core.serving.messages import find_message_class, name_enum_value
-from instdrive_core.serving.requests import FrameSpan, Limits, PosePair, RequestError, read_frame, read_pose_pair
+from instdrive_core.serving.requests import FrameSpan, Limits, PosePair, Rate, RequestError, read_frame, read_pose_pair
 from instdrive_core.serving.stage import Stage
 from instdrive_core.sweeps.cast import RayCaster
 from instdrive_core.sweeps.pattern import AMID, Pattern
@@ -31,7 +31,7 @@ class ServedLidar:
     """Whether the server was told which sensor it is: then it is cast whatever a request names."""
     casters: dict[tuple[float, float], RayCaster] = field(default_factory=dict)
 
-    def cast(self, stage: Stage, request: Any, last: float, limits: Limits) -> Any:
+    def cast(self, stage: Stage, request: Any, last: float, limits: Limits, rate: Rate) -> Any:
         """Cast the sweep that a LidarRenderRequest asks for.
 
         Args:
@@ -39,8 +39,9 @@ class ServedLidar:
             request: its scene has been checked.
             last: end of the drive, seconds.
             limits: of counts.
+            rate: from which the rays are taken.
 
-        Raises RequestError naming the field that is wrong.
+        Raises RequestError naming the field that is wrong, TooFastError where the rate has no such many rays left.
         """
         frame = read_frame(request, last)
         asked = name_enum_value("LidarDeviceType", request.lidar_config.lidar_type)
@@ -50,10 +51,11 @@ class ServedLidar:
         pair = read_pose_pair("sensor_pose", request.sensor_pose)
         scene = stage.place(request.dynamic_objects, frame, limits)
         pattern = self.lidar.find_pattern(frame.middle)
+        rate.take(len(pattern.delays))
         caster = self._find_caster(stage.scene, pattern).with_posed(scene)
         rig, turn = _carry(pair, frame), _time_within(pattern, frame)
         number = request.frame_start_us & 0xFFFFFFFF
-        sweep = cast_pattern(caster, turn, rig, frame.middle, self.lidar.intensities, number)
+        sweep = cast_pattern(caster, turn, rig, frame.middle, self.lidar.intensities, number, self.lidar.drop)
         return _write_sweep((sweep.points - pair.end[:3, 3]) @ pair.end[:3, :3], sweep.intensity)
 
     def _find_caster(self, scene: Scene, pattern: Pattern) -> RayCaster:

@@ -9,21 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Int64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64, Integer
 from numpy import ndarray
 
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.scene.scene import Scene, place_in_world
-from instdrive_core.sweeps.kernels import (
-    HELD,
-    LEAST_ALPHA,
-    fill_tiles,
-    find_tile_ranges,
-    list_meetings,
-    walk_rays,
-    whiten,
-)
+from instdrive_core.sweeps.kernels import HELD, LEAST_ALPHA, walk_rays
+from instdrive_core.sweeps.tiles import fill_tiles, find_tile_ranges, whiten
 
 _TILE = math.radians(1.5)
 _DRIFT = 0.6
@@ -83,8 +76,6 @@ class _Placed:
     matrices: Float32[ndarray, "n 3 3"]
     velocities: Float32[ndarray, "m 3"]
     """m/s; none where nothing moves."""
-    reaches: Float32[ndarray, " n"]
-    """Metres from the centre within which each is seen."""
     moved: Int64[ndarray, " k"]
     """Those that move."""
     present: Bool[ndarray, " k"]
@@ -114,7 +105,7 @@ class RayCaster:
         self._alphas = alphas[self._rows]
         with np.errstate(divide="ignore"):
             deviations = np.sqrt(2 * np.log(np.maximum(self._alphas / LEAST_ALPHA, 1)))
-        self._reaches = (deviations * sigmas[self._rows]).astype(np.float32)
+        self._deviations = deviations.astype(np.float32)
         self._means = gaussians.means[self._rows]
         self._quats = normalize_quaternions(gaussians.quats[self._rows]).astype(np.float32)
         self._log_scales = np.maximum(gaussians.log_scales[self._rows], np.float32(-12))
@@ -130,29 +121,26 @@ class RayCaster:
 
     def cast(self, rays: LidarRays) -> Returns:
         """Cast rays; groups that are near in place and time are cast together."""
-        count = len(rays)
-        ranges, hits = np.full(count, np.inf, np.float32), np.full(count, -1, np.int32)
-        opacities = np.zeros(count, np.float32)
-        for group, arguments in self._prepare_groups(rays):
-            size = len(group)
-            written = np.full(size, np.inf, np.float32), np.full(size, -1, np.int32), np.zeros(size, np.float32)
-            write: Any = walk_rays
-            write(*arguments, *written)
-            ranges[group], hits[group], opacities[group] = written
-        return Returns(ranges, self._name_rows(hits), opacities)
+        return self._walk(rays, 0)[0]
 
     def list_met(self, rays: LidarRays) -> Met:
         """List all splats that rays meet up to a little behind where half the light is gone."""
-        shape = len(rays), HELD
-        depths, weights = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        rows = np.full(shape, -1, np.int32)
+        return self._walk(rays, len(rays))[1]
+
+    def _walk(self, rays: LidarRays, listed: int) -> tuple[Returns, Met]:
+        """What rays return; and what they meet, if `listed` is their count instead of 0."""
+        returned, met = _make_returned(len(rays)), _make_met(listed)
+        write: Any = walk_rays
         for group, arguments in self._prepare_groups(rays):
-            part = len(group), HELD
-            written = np.zeros(part, np.float32), np.zeros(part, np.float32), np.empty(part, np.int32)
-            write: Any = list_meetings
-            write(*arguments, *written)
-            depths[group], weights[group], rows[group] = written
-        return Met(depths, weights, self._name_rows(rows))
+            of_group = _make_returned(len(group)), _make_met(len(group) if listed else 0)
+            write(*arguments, *of_group[0], *of_group[1])
+            for whole, part in zip(
+                (*returned, *met) if listed else returned, (*of_group[0], *of_group[1]), strict=False
+            ):
+                whole[group] = part
+        ranges, hits, opacities = returned
+        depths, weights, rows = met
+        return Returns(ranges, self._name_rows(hits), opacities), Met(depths, weights, self._name_rows(rows))
 
     def _name_rows(self, hits: Int32[ndarray, "*s"]) -> Int32[ndarray, "*s"]:
         """Rows of the scene for those of the caster."""
@@ -178,11 +166,11 @@ class RayCaster:
         directions = np.ascontiguousarray(rays.directions[group], np.float32)
         delays = (rays.times[group] - time).astype(np.float32)
         drift = np.linalg.norm(rays.origins[group] - here, axis=1).max(initial=0)
-        reaches = placed.reaches + np.float32(drift)
+        spares = np.full(len(placed.means), drift, np.float32)
         if len(placed.moved):
             speeds = np.linalg.norm(placed.velocities[placed.moved], axis=1)
-            reaches[placed.moved] += speeds * np.abs(delays).max(initial=0)
-            reaches[placed.moved[~placed.present]] = -1
+            spares[placed.moved] += speeds * np.abs(delays).max(initial=0)
+            spares[placed.moved[~placed.present]] = -1
         elevations = np.arcsin(np.clip(directions[:, 2], -1, 1))
         azimuths = np.arctan2(directions[:, 1], directions[:, 0]) + np.pi
         lowest = float(elevations.min())
@@ -190,14 +178,24 @@ class RayCaster:
         around = math.ceil(2 * math.pi / _TILE)
         tile_of_ray = (elevations - lowest) // _TILE * around + np.minimum(azimuths // _TILE, around - 1)
         tile_of_ray = np.clip(tile_of_ray.astype(np.int64), 0, tiles_up * around - 1)
-        by_tile = np.argsort(tile_of_ray, kind="stable")
+        by_tile = _sort_rows(tile_of_ray)
         counts = np.bincount(tile_of_ray, minlength=tiles_up * around)
         shift = (here - middle).astype(np.float32)
         covered, distances = find_tile_ranges(
-            placed.means, shift, reaches, counts > 0, self.far, lowest, _TILE, tiles_up, around
+            placed.means,
+            placed.matrices,
+            self._deviations,
+            spares,
+            shift,
+            counts > 0,
+            self.far,
+            lowest,
+            _TILE,
+            tiles_up,
+            around,
         )
         seen = np.flatnonzero(covered[:, 3])
-        order = seen[np.argsort(distances[seen], kind="stable")]
+        order = seen[_sort_rows(distances[seen].view(np.uint32))]  # of floats above 0 the bits rise, too
         starts, lists = fill_tiles(order, covered, counts > 0, around)
         return (
             np.r_[0, np.cumsum(counts)].astype(np.int64), by_tile, origins, directions, delays, starts, lists,
@@ -210,9 +208,9 @@ class RayCaster:
         means, moved = (self._means - middle).astype(np.float32), np.flatnonzero(self._nodes)
         if not len(moved):
             still = np.zeros((0, 3), np.float32)
-            return _Placed(means, self._matrices, still, self._reaches, moved, np.ones(0, bool))
+            return _Placed(means, self._matrices, still, moved, np.ones(0, bool))
         velocities = np.zeros((len(means), 3), np.float32)
-        return _Placed(means, self._matrices.copy(), velocities, self._reaches, moved, np.ones(len(moved), bool))
+        return _Placed(means, self._matrices.copy(), velocities, moved, np.ones(len(moved), bool))
 
     def _place_moving(self, placed: _Placed, time: float, middle: Float64[ndarray, "3"]) -> None:
         """Write means, matrices and velocities of what moves, as it is at a time."""
@@ -230,6 +228,24 @@ class RayCaster:
         places = means.astype(np.float64)
         after = np.einsum("nij,nj->ni", turn[nodes, :3, :3], places) + turn[nodes, :3, 3]
         placed.velocities[moved] = (after - places) / _STEP
+
+
+def _make_returned(count: int) -> tuple[Float32[ndarray, " r"], Int32[ndarray, " r"], Float32[ndarray, " r"]]:
+    """Room for ranges, hits and opacities, as they are of rays that meet nothing."""
+    return np.full(count, np.inf, np.float32), np.full(count, -1, np.int32), np.zeros(count, np.float32)
+
+
+def _make_met(count: int) -> tuple[Float32[ndarray, "r h"], Float32[ndarray, "r h"], Int32[ndarray, "r h"]]:
+    """Room for depths, weights and rows of what rays meet, as they are where that is nothing."""
+    shape = count, HELD
+    return np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.full(shape, -1, np.int32)
+
+
+def _sort_rows(keys: Integer[ndarray, " n"]) -> Int64[ndarray, " n"]:
+    """Indices that sort whole numbers below 2^32, equal ones as they come: numbers that hold both sort quickly."""
+    joined = (keys.astype(np.uint64) << np.uint64(32)) | np.arange(len(keys), dtype=np.uint64)
+    joined.sort()
+    return (joined & np.uint64(0xFFFFFFFF)).astype(np.int64)
 
 
 def _split_rays(rays: LidarRays, things_move: bool) -> list[Int64[ndarray, " g"]]:

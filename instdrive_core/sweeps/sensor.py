@@ -47,6 +47,8 @@ SENSORS: Mapping[str, Mapping[str, Any]] = {
     },
 }
 """Beams and ranges as makers state them; beams are taken to be even apart."""
+OWN, NONE = "own", "none"
+"""What is chosen instead of a described sensor: as the clip's sweeps show it, or no sweeps."""
 _MOST_RAYS = 4_000_000
 _REMEDY = "docs/recording.md describes the file"
 

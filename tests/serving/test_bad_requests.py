@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import grpc
@@ -14,7 +15,7 @@ from instdrive_app.main import main
 from instdrive_core.serving import messages
 from instdrive_core.serving.client import SensorClient, build_picture_request
 from instdrive_core.serving.messages import SERVICE, find_message_class
-from instdrive_core.serving.requests import Limits
+from instdrive_core.serving.requests import Limits, Rate, TooFastError
 from instdrive_core.serving.server import SensorServer
 from instdrive_core.serving.service import open_sensor_service
 
@@ -224,6 +225,38 @@ def test_too_many_requests_at_once_are_refused(service, monkeypatch):
         go_on.set()
         first.join()
     assert caught.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
+
+
+def test_pixels_and_rays_have_a_rate():
+    now = [0.0]
+    rate = Rate(Limits(pixels=500, rate=1000), lambda: now[0])
+    rate.take(1000)
+    with pytest.raises(TooFastError, match=r"1,000 pixels and rays a second; ask again in 0\.3 s"):
+        rate.take(300)
+    now[0] = 0.3
+    rate.take(300)
+    now[0] = 99.0
+    rate.take(1000)
+    with pytest.raises(TooFastError):
+        rate.take(1)
+    slow = Rate(Limits(pixels=500, rate=100), lambda: now[0])
+    slow.take(500)
+
+
+def test_a_client_beyond_the_rate_is_told_and_served_later(service, picture):
+    now, limits = [0.0], Limits(pixels=40 * 24, rate=40 * 24)
+    slow = replace(service.with_limits(limits), rate=Rate(limits, lambda: now[0]))
+    with SensorServer(slow) as server, SensorClient(server.address) as client:
+        assert client.call("render_rgb", picture).image_bytes
+        with pytest.raises(grpc.RpcError) as caught:
+            client.call("render_rgb", picture)
+        assert caught.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
+        assert "ask again in 1.0 s" in caught.value.details()
+        now[0] = 1.0
+        assert client.call("render_rgb", picture).image_bytes
+    lidar = find_message_class("LidarRenderRequest")(sensor_pose=picture.sensor_pose)
+    with pytest.raises(TooFastError):
+        slow.render_lidar(lidar)
 
 
 def test_a_fault_of_the_server_is_its_own_and_tells_no_paths(service, monkeypatch, caplog):

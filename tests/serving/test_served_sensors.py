@@ -11,6 +11,7 @@ from instdrive_app.main import main
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.errors import OptionError
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.project.open import open_edited_scene
 from instdrive_core.rasterize.rolling_shutter import RollingCamera, view_through_shutter
@@ -21,6 +22,7 @@ from instdrive_core.serving.requests import RequestError, write_pose
 from instdrive_core.serving.server import SensorServer
 from instdrive_core.serving.service import open_sensor_service
 from instdrive_core.serving.stage import find_object_pose
+from instdrive_core.sweeps.drops import BANDS_M, RayDrop
 
 WALL_X = 6.0
 
@@ -205,6 +207,20 @@ def test_another_sensor_is_cast_only_where_the_server_was_told(street, service):
         service.render_lidar(lidar)
     told, _ = open_sensor_service(street, lidar="VLP-16")
     assert 0 < told.render_lidar(lidar).num_points <= 16 * 1800
+
+
+def test_surfaces_lose_rays_where_the_server_was_told(street, service):
+    lidar = find_message_class("LidarRenderRequest")()
+    for pose in (lidar.sensor_pose.start_pose, lidar.sensor_pose.end_pose):
+        pose.quat.w, pose.vec.z = 1.0, 1.8
+    served = service.lidar.lidar
+    half = np.full(len(BANDS_M) + 1, 0.5, np.float32)
+    drop = RayDrop(served.find_pattern(0.0), half, np.ones(len(service.stage.scene), np.float32))
+    losing = replace(service, lidar=replace(service.lidar, lidar=replace(served, drop=drop)))
+    whole, first, again = (each.render_lidar(lidar).num_points for each in (service, losing, losing))
+    assert first == again == pytest.approx(whole / 2, rel=0.05)
+    with pytest.raises(OptionError, match="no sweeps to learn the ray drop from"):
+        open_sensor_service(street, ray_drop=True)
 
 
 def test_another_rig_is_listed(street, tmp_path):

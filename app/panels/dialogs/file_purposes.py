@@ -12,7 +12,7 @@ from instdrive_app.messages import read_error
 from instdrive_app.preferences.key_presets import read_keys, write_keys
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import WRITTEN
-from instdrive_core.errors import DataError
+from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.registry import FORMATS, is_scene_folder
 from instdrive_core.project.save import SUFFIX
 from instdrive_core.wording import phrase
@@ -147,12 +147,20 @@ def _import_keys(session: EditorSession, path: Path, _: Callable[[], None]) -> N
         session.messages.info(phrase("The keys are now those of {name}", name=path.name))
 
 
+def _read_way(session: EditorSession, path: Path, _: Callable[[], None]) -> None:
+    try:
+        session.ways.read_file(path)
+    except (DataError, OptionError) as error:
+        session.messages.error(read_error(error))
+
+
 PURPOSES = {
     "open": FilePurpose("Open a scene or project", "Open", (SUFFIX, *SCENE_ENDINGS), _open),
     "insert": FilePurpose("Insert a scene", "Insert", SCENE_ENDINGS, _insert),
     "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX),
     "export_keys": FilePurpose("Export keys", "Export", (".json",), _export_keys, True, False, "_keys.json"),
     "import_keys": FilePurpose("Import keys", "Import", (".json",), _import_keys, folders=False),
+    "read_way": FilePurpose("Read a way", "Read", (".json", ".xosc"), _read_way, folders=False),
     "export": FilePurpose("Export", "Export", WRITTEN, _export, True),
 }
 """By `AskPath.purpose`; `AskExport` adapts the last one to what is exported."""

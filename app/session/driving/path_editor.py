@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from weakref import ref
 
 import numpy as np
@@ -19,7 +20,9 @@ from instdrive_core.edits.kinds.driving.known_keys import find_way_keys
 from instdrive_core.edits.kinds.driving.ways import drive_instance
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.queries.compact_objects import is_compact
+from instdrive_core.formats.objects.scenario_ways import is_scenario, read_scenario_way
 from instdrive_core.scene.vehicle_path import sample_path
+from instdrive_core.scene.ways.way_file import read_way
 from instdrive_core.scene.ways.way_keys import Keys, delete_key, extend_way, insert_key
 
 SAMPLES = 12
@@ -126,6 +129,21 @@ class PathEditor:
         chosen = self.chosen
         if self._context.apply(make):
             self.choose(chosen)
+
+    def read_file(self, path: Path) -> None:
+        """Let the thing drive the way of a file: keys as JSON, or its own in an OpenSCENARIO file, by name or ID.
+
+        Raises DataError where the file holds no way, OptionError where it is not clear whose is meant.
+        """
+        document, subject = self._context.document, self.subject
+        if document is None or not subject:
+            return
+        if is_scenario(str(path)):
+            name = document.scene.table[subject].name
+            wanted = (name, str(subject), f"instance {subject}")
+            self.set_keys(read_scenario_way(str(path), document.scene.origin, wanted))
+        else:
+            self.set_keys(read_way(path))
 
     def add(self, time: float) -> None:
         """Add a key where the thing is at a time (seconds), and choose it."""

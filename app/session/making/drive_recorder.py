@@ -21,6 +21,7 @@ from instdrive_core.progress import report
 from instdrive_core.project.save import SUFFIX, ProjectState, capture_project_state, write_project
 from instdrive_core.recording.folder import LOCK, PLAN
 from instdrive_core.scene.ways.drawn_way import DrawnWay, describe_drawn_way
+from instdrive_core.sweeps.sensor import NONE
 from instdrive_core.wording import phrase
 
 LAYOUTS = {
@@ -37,7 +38,7 @@ LAYOUTS = {
     "mcap": "MCAP",
 }
 """Layouts of data sets that `instdrive simulate` writes, too, and their titles."""
-Way = Literal["own", "shift", "lane", "speed", "stop", "drawn"]
+Way = Literal["own", "shift", "lane", "speed", "stop", "drawn", "file"]
 PROGRESS = "progress "
 """Beginning of the lines that say how far the command is."""
 _LOOK_SECONDS = 0.2
@@ -53,6 +54,8 @@ class RecordChoice:
     way: Way = "own"
     amount: float = 2.0
     """Metres to the left, factor of the speed, second of the drive, or m/s (0: as recorded), as the way needs it."""
+    way_file: str = ""
+    """File of the way `file`: keys as JSON, or OpenSCENARIO, with #ENTITY or without."""
     flow: bool = False
     confidence: bool = False
     layouts: tuple[str, ...] = ()
@@ -62,17 +65,27 @@ class RecordChoice:
     """JSON file of the cameras that record; empty = the drive's own."""
     video: str = ""
     """mp4 or webm; empty = no videos."""
+    exr: bool = False
+    """Whether depth in metres is written as OpenEXR instead of NumPy's files."""
+    lidar: str = ""
+    """`none` or a sensor's name; empty = the clip's own, where its sweeps are at hand."""
+    ray_drop: bool = False
+    """Whether surfaces lose rays of the LiDAR as often as in the clip's sweeps."""
 
     def list_arguments(self) -> list[str]:
         """List the arguments of `instdrive simulate`, but for a drawn way, which has a file of its own."""
         arguments = [] if self.width is None else ["--width", str(self.width)]
         ways = {"shift": f"shift={self.amount:g}", "lane": f"lane={self.amount:g}@0.5"}
         ways |= {"speed": f"speed={self.amount:g}", "stop": f"stop={self.amount:g}"}
+        ways |= {"file": f"path={os.path.expanduser(self.way_file.strip())}"}
         arguments += ["--ego", ways[self.way]] if self.way in ways else []
         arguments += ["--flow"] * (self.flow and not self.shutter) + ["--confidence"] * self.confidence
         arguments += ["--shutter", f"{self.shutter:g}"] if self.shutter else []
         arguments += ["--rig", os.path.expanduser(self.rig.strip())] if self.rig.strip() else []
         arguments += ["--video", self.video] if self.video else []
+        arguments += ["--depth-format", "exr"] * self.exr
+        arguments += ["--lidar", self.lidar] if self.lidar else []
+        arguments += ["--ray-drop"] * (self.ray_drop and self.lidar != NONE)
         return [*arguments, "--layout", *self.layouts] if self.layouts else arguments
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +10,12 @@ from instdrive_core.cli.arguments import check_known_ids, parse_assignment
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.driving.ways import Template, change_way, drive_instance, park_at
-from instdrive_core.errors import DataError, OptionError
-from instdrive_core.files.json_fields import read_json, require_field, require_number
+from instdrive_core.errors import OptionError
 from instdrive_core.formats.objects.scenario_ways import is_scenario, read_scenario_way
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.vehicle_path import PathKey
+from instdrive_core.scene.ways.way_file import read_way
 
 _EXAMPLE = "--path 17=way.json, 17=lane:3.5@2, 17=stop@3, 17=speed:0.5@0, 17=turn:90@2, 17=wait:2@3 or 17=start@1"
 _TEMPLATES: dict[str, Template] = {
@@ -44,29 +43,6 @@ class PathOptions:
     def edits(self, document: Document) -> list[Edit]:
         """Build the edits. Raises OptionError where an option cannot be read, DataError for a file that is wrong."""
         return [*(_build_path(text, document) for text in self.path), *(_park(text, document) for text in self.park)]
-
-
-def read_way(file: Path) -> tuple[PathKey, ...]:
-    """Read the keys of a way: an object with `keys`, each with `time`, `x`, `y` and if wanted `heading` in degrees.
-
-    Raises DataError naming the field that is wrong.
-    """
-    keys = require_field(file, read_json(file), "keys")
-    if not isinstance(keys, list) or not keys:
-        raise DataError(file, "the field 'keys' holds no key", "Write a list of objects with time, x and y")
-    found = []
-    for number, entry in enumerate(keys):
-        values = [
-            require_number(file, require_field(file, entry, name, f"keys[{number}]."), f"keys[{number}].{name}")
-            for name in ("time", "x", "y")
-        ]
-        turn = entry.get("heading")
-        name = f"keys[{number}].heading"
-        heading = None if turn is None else math.radians(require_number(file, turn, name))
-        found.append(PathKey(values[0], values[1], values[2], heading))
-        if number and found[-1].time <= found[-2].time:
-            raise DataError(file, f"the field 'keys[{number}].time' is not above the one before", "Sort the keys")
-    return tuple(found)
 
 
 def _build_path(text: str, document: Document) -> Edit:

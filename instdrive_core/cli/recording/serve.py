@@ -32,6 +32,8 @@ def serve_drive(
     unnamed: Literal["drive", "gone"] = "drive",
     max_pixels: int = Limits.pixels,
     max_requests: int = Limits.requests,
+    max_rate: int = Limits.rate,
+    ray_drop: bool = False,
 ) -> None:
     """Answer a simulator's requests for cameras and LiDAR of the edited drive, over gRPC, until Ctrl+C.
 
@@ -47,18 +49,20 @@ def serve_drive(
         unnamed: What moving things do that a request does not name: drive on as recorded, or be gone.
         max_pixels: Pixels of all pictures that one request may ask for.
         max_requests: Requests in flight; more are refused at once.
+        max_rate: Pixels and rays a second that all requests together may ask for; more are refused at once.
+        ray_drop: Let surfaces lose rays of the LiDAR as often as in the clip's own sweeps; equal frames lose the same.
     """
     from instdrive_core.serving.server import SensorServer
     from instdrive_core.serving.service import open_sensor_service
 
     if not 0 <= port <= 65535:
         raise OptionError(f"--port is {port}; it must be from 0 (a free one) to 65535")
-    for option, value in (("--max-pixels", max_pixels), ("--max-requests", max_requests)):
+    for option, value in (("--max-pixels", max_pixels), ("--max-requests", max_requests), ("--max-rate", max_rate)):
         if value < 1:
             raise OptionError(f"{option} is {value}; it must be at least 1")
     importlib.import_module("grpc")  # that it is missing is said before a large scene is opened
-    limits = Limits(pixels=max_pixels, requests=max_requests)
-    service, notes = open_sensor_service(scene, lidar, unnamed, limits, rig)
+    limits = Limits(pixels=max_pixels, requests=max_requests, rate=max_rate)
+    service, notes = open_sensor_service(scene, lidar, unnamed, limits, rig, ray_drop)
     service.warm_up()
     for note in notes:
         print(note)

@@ -72,7 +72,8 @@ def simulate_drive(
         last: Last time step or second, inclusive.
         width: Width of the pictures in pixels; default: as in training.
         ego: Change the recording car's way: shift=METRES to the left, lane=METRES@SECONDS or lane=METRES@FROM-TO,
-            speed=FACTOR up to 1, stop=SECONDS, path=FILE for a way drawn on the ground. Several are done together.
+            speed=FACTOR up to 1, stop=SECONDS, path=FILE for a way drawn on the ground, FILE.xosc or FILE.xosc#ENTITY
+            for that of an OpenSCENARIO file. Several are done together.
         shift: Short for --ego shift=METRES.
         flow: Record optical flow, too.
         confidence: Record how far each pixel can be trusted, too; on by itself where the car's way is changed.

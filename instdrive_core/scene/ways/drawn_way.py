@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,17 @@ class DrawnWay:
     """m/s; None: as fast as the recorded drive, or at the given times."""
     times: tuple[float, ...] = ()
     """Seconds as the scene counts them, one a place; empty: the speed says when it is where."""
+    headings: tuple[float, ...] = ()
+    """Radians counter-clockwise from x, one a place that has a time; empty: along the way."""
+    in_world: bool = False
+    """Whether places are in the data set's world: the scene's origin is still to be taken off."""
+
+    def place_in_scene(self, origin: Float64[ndarray, "3"]) -> DrawnWay:
+        """Take a scene's origin (metres) off places that are in the world; others stay."""
+        if not self.in_world:
+            return self
+        moved = tuple((x - float(origin[0]), y - float(origin[1])) for x, y in self.places)
+        return replace(self, places=moved, in_world=False)
 
 
 def time_way(drawn: DrawnWay, recorded: Track) -> tuple[PathKey, ...]:
@@ -45,7 +56,9 @@ def time_way(drawn: DrawnWay, recorded: Track) -> tuple[PathKey, ...]:
     Without times of its own it begins when the recorded drive begins, and stands at its end if that comes early.
     """
     if drawn.times:
-        return tuple(PathKey(time, x, y) for time, (x, y) in zip(drawn.times, drawn.places, strict=True))
+        headings = drawn.headings or (None,) * len(drawn.times)
+        keys = zip(drawn.times, drawn.places, headings, strict=True)
+        return tuple(PathKey(time, x, y, heading) for time, (x, y), heading in keys)
     places, lengths = trace_line(drawn.places)
     first, last = float(recorded.times[0]), float(recorded.times[-1])
     times = np.linspace(first, last, max(2, round((last - first) / _EVEN) + 1))

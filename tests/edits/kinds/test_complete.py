@@ -1,6 +1,7 @@
 """A car of which one side was seen becomes whole; what is whole or lopsided is told."""
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,11 +13,14 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.shape.complete import CompleteInstance, make_completion, mirror_gaussians
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.symmetry import Symmetry, find_seen_side, find_symmetry
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.maths.spherical_harmonics import evaluate_view_colors
+from instdrive_core.maths.spherical_harmonics import color_from_dc, evaluate_view_colors
+from instdrive_core.rasterize.scene_view import view_scene
+from instdrive_core.scene.camera import Camera, CameraView, look_at
 from instdrive_core.scene.selection import Flag
 
 
@@ -138,3 +142,45 @@ def test_what_is_lopsided_small_or_unknown_is_told(car):
 def test_files_keep_all_of_it():
     edit = CompleteInstance(CAR, (1.5, -2.25), 0.5, -1)
     assert edit_from_json(edit.to_json()) == edit
+
+
+def photographed_car():
+    """The half seen car on ground, a shadow of its own before it, and cameras that show one side and the roof."""
+    car, rng = half_seen_car(), np.random.default_rng(3)
+    ahead, across = np.array([np.cos(TURN), np.sin(TURN)]), np.array([-np.sin(TURN), np.cos(TURN)])
+    shade = rng.uniform(-0.5, 0.5, (200, 2)) @ np.stack([ahead, across]) + PLACE + 2.8 * ahead + 0.5 * across
+    floor = rng.uniform(-6, 6, (9000, 2)) + PLACE
+    flat = np.concatenate([np.c_[shade, np.full(200, 0.05)], np.c_[floor, np.zeros(9000)]])
+    colors = np.repeat([0.05, 0.5], [200, 9000])[:, None].repeat(3, axis=1)
+    colors = np.concatenate([color_from_dc(car.gaussians.sh_dc), colors])
+    ids = np.r_[np.full(len(car) + 200, CAR), np.zeros(9000)].astype(np.uint32)
+    scene = scene_of(rng, np.concatenate([car.gaussians.means, flat]), colors, ids)
+    scene.gaussians.log_scales[len(car) :] = np.log([0.15, 0.15, 0.02])
+    scene.gaussians.quats[len(car) :] = [1, 0, 0, 0]
+    eyes = [PLACE - 7 * across + along * ahead for along in (-3.0, 0.0, 3.0, 5.0)]
+    poses = [look_at(np.array([*eye, 3.0]), np.array([*PLACE, 0.6])) for eye in eyes]
+    cameras = [Camera(120, 120, 64, 48, 128, 96, pose) for pose in poses]
+    return replace(scene, views=tuple(CameraView(camera, "c", 4 * k, 0.0) for k, camera in enumerate(cameras)))
+
+
+def test_what_photos_show_stays_as_it_is_and_the_far_side_is_filled():
+    scene = photographed_car()
+    blind = make_completion(Document(replace(deepcopy(scene), views=())), CAR)
+    seeing = make_completion(Document(deepcopy(scene)), CAR)
+    assert not len(blind.kept)
+    assert len(seeing.kept) > 150
+    changes, gaps = [], []
+    for edit in (blind, seeing, None):
+        document = Document(deepcopy(scene))
+        if edit is not None:
+            document.apply(edit_from_json(edit.to_json()))
+        edited = bake_document(document)
+        pairs = [(view_scene(each, view.camera, 0.0).color for each in (scene, edited)) for view in scene.views]
+        changes.append(np.mean([np.abs(before - after).mean() for before, after in pairs]))
+        whole, _ = car_surface(np.random.default_rng(9), 3000)
+        far = whole[(whole[:, 1] > 0.85) & (whole[:, 2] < 1.0)]
+        axes = np.array([[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]])
+        far[:, :2] = far[:, :2] @ axes + PLACE
+        gaps.append(np.quantile(KDTree(edited.gaussians.means).query(far)[0], 0.9))
+    assert changes[1] < 0.7 * changes[0]
+    assert gaps[1] < 0.6 * gaps[2]

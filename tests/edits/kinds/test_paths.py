@@ -8,7 +8,7 @@ import pytest
 from edit_cases import BUS, CAR, ROAD, TAXI, rich_document
 
 from instdrive_core.cli.apply import apply
-from instdrive_core.cli.driving.path_options import PathOptions, read_way
+from instdrive_core.cli.driving.path_options import PathOptions
 from instdrive_core.edits.kinds.driving.set_path import SetPath
 from instdrive_core.edits.kinds.driving.start_driving import StartDriving
 from instdrive_core.edits.kinds.driving.ways import change_way, drive_instance, park_at
@@ -26,6 +26,7 @@ from instdrive_core.scene.vehicle_path import (
     trace_way,
     turn_off,
 )
+from instdrive_core.scene.ways.way_file import read_way
 
 STRAIGHT = (PathKey(0.0, 0.0, 0.0), PathKey(10.0, 50.0, 0.0))
 """5 m/s along x."""

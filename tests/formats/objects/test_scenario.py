@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from random_scene import random_scene
+from scenario_text import LINE, TIMING, VERTEX, write_scenario_text
 
 from instdrive_app.main import main
 from instdrive_core.errors import DataError, OptionError
@@ -16,31 +17,6 @@ from instdrive_core.scene.track import Track
 from instdrive_core.scene.vehicle_path import PathKey
 
 NOWHERE = np.zeros(3)
-VERTEX = '<Vertex time="{}"><Position><WorldPosition x="{}" y="{}" {}/></Position></Vertex>'
-LINE = VERTEX.format(0, 5, 6, "") + VERTEX.format(2, 9, 6, "")
-TIMING = '<TimeReference><Timing domainAbsoluteRelative="{}" scale="1" offset="0.5"/></TimeReference>'
-ABSOLUTE = TIMING.format("absolute")
-BOX = '<Vehicle><BoundingBox><Center x="1.5" y="0.5" z="0.7"/></BoundingBox></Vehicle>'
-
-
-def write_file(tmp_path, line=LINE, timing=ABSOLUTE, shape="Polyline", start="", names=("Van",), head=""):
-    """A scenario by hand: every entity follows the same line; the Van has a box."""
-    action = (
-        f"<FollowTrajectoryAction><TrajectoryRef><Trajectory><Shape><{shape}>{line}</{shape}></Shape></Trajectory>"
-        f"</TrajectoryRef>{timing}</FollowTrajectoryAction>"
-    )
-    groups = "".join(
-        f'<ManeuverGroup><Actors><EntityRef entityRef="{name}"/></Actors><Maneuver><Event name="e"><Action>'
-        f"<PrivateAction><RoutingAction>{action}</RoutingAction></PrivateAction></Action>{start}</Event></Maneuver>"
-        "</ManeuverGroup>"
-        for name in names
-    )
-    path = tmp_path / "drive.xosc"
-    path.write_text(
-        f'{head}<OpenSCENARIO><Entities><ScenarioObject name="Van">{BOX}</ScenarioObject></Entities>'
-        f"<Storyboard><Init><Actions/></Init><Story><Act>{groups}</Act></Story></Storyboard></OpenSCENARIO>"
-    )
-    return path
 
 
 def begin(condition):
@@ -106,30 +82,30 @@ def test_what_drives_nowhere_is_not_written(scene, tmp_path):
 
 
 def test_a_way_is_that_of_the_middle_at_times_of_the_scenario(tmp_path):
-    path = write_file(tmp_path)
+    path = write_scenario_text(tmp_path)
     assert read(path, np.array([1.0, 2.0, 3.0])) == (PathKey(0.5, 5.5, 4.5), PathKey(2.5, 9.5, 4.5))
     assert read(path, follows_middle=False) == (PathKey(0.5, 5, 6), PathKey(2.5, 9, 6))
     north = VERTEX.format(0, 5, 6, f'h="{math.pi / 2}"')
-    (key,) = read(write_file(tmp_path, north))
+    (key,) = read(write_scenario_text(tmp_path, north))
     assert (key.x, key.y, key.heading) == pytest.approx((4.5, 7.5, math.pi / 2))
     late = begin('<ByValueCondition><SimulationTimeCondition value="3" rule="greaterThan"/></ByValueCondition>')
-    relative = write_file(tmp_path, timing=TIMING.format("relative"), start=late)
+    relative = write_scenario_text(tmp_path, timing=TIMING.format("relative"), start=late)
     assert [key.time for key in read(relative)] == [3.5, 5.5]
     parameters = '<ParameterDeclarations><ParameterDeclaration name="north" value="6"/></ParameterDeclarations>'
-    named = write_file(tmp_path, LINE.replace('y="6"', 'y="$north"'))
+    named = write_scenario_text(tmp_path, LINE.replace('y="6"', 'y="$north"'))
     named.write_text(named.read_text().replace("<Entities>", parameters + "<Entities>"))
     assert read(named) == read(path)
 
 
 def test_it_must_be_clear_whose_way_is_meant(tmp_path):
-    path = write_file(tmp_path, names=("Car", "Van"))
+    path = write_scenario_text(tmp_path, names=("Car", "Van"))
     with pytest.raises(OptionError, match=r"drive.xosc#NAME with one of: Car, Van"):
         read(path)
     assert read(path, wanted=("Van", "17")) == read(f"{path}#Van")
     assert read(f"{path}#Car")[0].x == 5
     with pytest.raises(OptionError, match="'Bus' follows no trajectory; those that do: Car, Van"):
         read(f"{path}#Bus")
-    twice = write_file(tmp_path, names=("Car", "Car"))
+    twice = write_scenario_text(tmp_path, names=("Car", "Car"))
     with pytest.raises(DataError, match="2 trajectories"):
         read(twice)
 
@@ -157,7 +133,7 @@ WRONG = {
 def test_wrong_files_name_the_element(case, tmp_path):
     options, words = WRONG[case]
     with pytest.raises(DataError, match=words):
-        read(write_file(tmp_path, **options))
+        read(write_scenario_text(tmp_path, **options))
 
 
 def test_other_files_are_refused(tmp_path):

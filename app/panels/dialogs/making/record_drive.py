@@ -25,11 +25,14 @@ from instdrive_app.session.making.drive_recorder import (
 )
 from instdrive_app.session.requests import AskRecord, ShowPanel
 from instdrive_core.errors import InstDriveError, OptionError
-from instdrive_core.recording.ego_path import drive_drawn_way, find_ego_way, parse_ego_change
+from instdrive_core.formats.objects.scenario_ways import split_entity
+from instdrive_core.recording.depth_files import check_depth_format
+from instdrive_core.recording.ego_path import drive_drawn_way, find_ego_way, parse_ego_change, read_way_file
 from instdrive_core.recording.plan import LARGEST, LEAST_WIDTH
 from instdrive_core.recording.shutter import LONGEST
 from instdrive_core.recording.videos import check_video_request
 from instdrive_core.scene.ways.drawn_way import FASTEST
+from instdrive_core.sweeps.sensor import NONE, SENSORS
 from instdrive_core.wording import count_phrase, format_count, phrase
 
 TITLE = "Record drive"
@@ -40,10 +43,13 @@ WAYS: tuple[tuple[Way, str, str, float], ...] = (
     ("speed", "Slower", "times as fast", 0.5),
     ("stop", "Stop", "seconds after the start", 1.0),
     ("drawn", "Drawn on the map", "m/s (0: as recorded)", 0.0),
+    ("file", "From a file", "", 0.0),
 )
 """Ways of the car: name, title, what the number means, and the number proposed."""
 VIDEOS = (("", "No videos"), ("mp4", "Videos as MP4"), ("webm", "Videos as WebM"))
 """Endings of the videos that are written, too, and what the user reads for them."""
+LIDARS = {"": "The clip's own", NONE: "None", **{name: name for name in SENSORS}}
+"""Sensors whose sweeps are recorded, and what the user reads for them."""
 _ROW = 4
 
 
@@ -52,10 +58,13 @@ class RecordDialog:
 
     def __init__(self) -> None:
         self._folder, self._choice = "", RecordChoice()
+        self._read: tuple[tuple[str, int, int], str] = (("", 0, 0), "")
+        """State of the file of a way that was read last, and why it cannot be driven."""
 
     def open(self, ui: Ui, request: AskRecord) -> None:
         """Open it with the last choice."""
         self._folder, self._choice = str(ui.session.recorder.propose_folder()), ui.session.recorder.choice
+        self._read = (("", 0, 0), "")
         imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
@@ -92,12 +101,19 @@ class RecordDialog:
         ui.mark("record.confidence")
         if self._choice.way == "own":  # another way has them anyhow
             self._choice = replace(self._choice, confidence=confidence)
-        self._choice = replace(self._choice, flow=flow)
+        imgui.same_line()
+        exr = imgui.checkbox(make_label("Depth as OpenEXR"), self._choice.exr)[1]
+        ui.mark("record.exr")
+        imgui.set_item_tooltip(translate("Metres as .exr, which Nuke and Blender read, instead of NumPy's .npz"))
+        self._choice = replace(self._choice, flow=flow, exr=exr)
+        self._draw_lidar(ui)
         self._draw_video(ui)
         self._draw_layouts(ui)
         problem = self._find_problem(ui.session.recorder)
         if not problem and self._choice.way == "drawn":
             problem = _find_drawing_problem(ui, self._choice.amount)
+        elif not problem and self._choice.way == "file":
+            problem = self._find_file_problem(ui)
         imgui.push_text_wrap_pos(0)
         if problem:
             imgui.text_colored(rgba(ERROR), translate(problem))
@@ -142,6 +158,12 @@ class RecordDialog:
 
         if way[0] == "drawn":
             self._draw_drawing(ui)
+        elif way[0] == "file":
+            imgui.set_next_item_width(-1)
+            hint = translate("keys as .json, or .xosc of OpenSCENARIO, with #ENTITY or without")
+            file = imgui.input_text_with_hint("##way_file", hint, self._choice.way_file)[1]
+            ui.mark("record.way_file")
+            self._choice = replace(self._choice, way_file=file)
 
     def _draw_drawing(self, ui: Ui) -> None:
         """Say what is drawn, and lead to the map."""
@@ -171,6 +193,26 @@ class RecordDialog:
         )
         self._choice = replace(self._choice, rig=rig, shutter=shutter if math.isfinite(shutter) else 0.0)
 
+    def _draw_lidar(self, ui: Ui) -> None:
+        """Whose sweeps are recorded."""
+        lidar = self._choice.lidar
+        imgui.set_next_item_width(13 * imgui.get_font_size())
+        if imgui.begin_combo(make_label("LiDAR"), translate(LIDARS.get(lidar, lidar))):
+            for name, title in LIDARS.items():
+                if imgui.selectable(make_label(title), name == lidar)[0]:
+                    lidar = name
+                ui.mark(f"record.lidar.{name or 'own'}")
+            imgui.end_combo()
+        ui.mark("record.lidar")
+        imgui.same_line()
+        imgui.begin_disabled(lidar == NONE)
+        drop = imgui.checkbox(make_label("Rays get lost"), self._choice.ray_drop and lidar != NONE)[1]
+        imgui.end_disabled()
+        ui.mark("record.ray_drop")
+        if imgui.is_item_hovered(imgui.HoveredFlags_.allow_when_disabled):
+            imgui.set_tooltip(translate("Surfaces lose rays as often as in the clip's own sweeps"))
+        self._choice = replace(self._choice, lidar=lidar, ray_drop=drop)
+
     def _draw_video(self, ui: Ui) -> None:
         title = next(title for kind, title in VIDEOS if kind == self._choice.video)
         imgui.set_next_item_width(13 * imgui.get_font_size())
@@ -194,6 +236,26 @@ class RecordDialog:
             chosen = chosen | {name} if ticked else chosen - {name}
         self._choice = replace(self._choice, layouts=tuple(name for name in LAYOUTS if name in chosen))
 
+    def _find_file_problem(self, ui: Ui) -> str:
+        """Say why the way of the file cannot be driven; the file is read once for each of its states."""
+        name, document = os.path.expanduser(self._choice.way_file.strip()), ui.session.document
+        if not name or document is None:
+            return "Name a file that holds the way of the car"
+        file = split_entity(name)[0]
+        try:
+            stamp = os.stat(file)
+        except OSError:
+            return "There is no such file of a way"
+        key = (name, stamp.st_mtime_ns, stamp.st_size)
+        if self._read[0] != key:
+            try:
+                drawn = read_way_file(name).place_in_scene(document.scene.origin)
+                drive_drawn_way(find_ego_way(document.scene.views), drawn)
+                self._read = key, ""
+            except InstDriveError as error:
+                self._read = key, read_error(error)
+        return self._read[1]
+
     def _find_problem(self, recorder: DriveRecorder) -> str:
         width, arguments = self._choice.width, self._choice.list_arguments()
         if recorder.is_running:
@@ -207,9 +269,10 @@ class RecordDialog:
             return "There is no such file of cameras"
         try:
             check_video_request([self._choice.video] if self._choice.video else [])
+            check_depth_format("exr" if self._choice.exr else "npz")
         except InstDriveError as error:
             return read_error(error)
-        if "--ego" in arguments:
+        if "--ego" in arguments and self._choice.way != "file":
             try:
                 parse_ego_change(arguments[arguments.index("--ego") + 1])
             except OptionError as error:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.bases.append import Addition
 from instdrive_core.edits.bases.growth import GrowInstance, find_main_entry, find_shown_body
 from instdrive_core.edits.bases.parameters import check_number, check_number_list, is_whole
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.row_runs import RowRuns, expand_runs, make_runs
 from instdrive_core.edits.document.synthetic_rows import MIRRORED, SYNTHETIC
+from instdrive_core.edits.queries.photo_witness import ask_photos
 from instdrive_core.edits.queries.placement import find_solid
 from instdrive_core.edits.queries.symmetry import Symmetry, find_seen_side, find_symmetry
 from instdrive_core.errors import EditError
@@ -31,6 +34,12 @@ FORWARD = np.pi / 2
 """Heading of what drives, in the frame of its node."""
 LEAST_AGREEMENT = 0.4
 """Share of the splats with a counterpart on the other side, below which nothing is symmetric."""
+LEAST_SEEN = 0.3
+"""Share of the splats that photos must show where they are, for the photos to be of this thing."""
+FEWEST_PHOTOS = 2
+"""Photos that must show a place for it to be known."""
+MOST_IN_SIGHT = 0.8
+"""Share of the mirror image that photos may show to be seen already, or something else."""
 FEWEST = 200
 """Solid splats from which a thing shows whether it is symmetric."""
 
@@ -40,6 +49,7 @@ class CompleteInstance(GrowInstance):
     """Replace one side of a thing by the mirror image of its other side, marked by 3 in the column `synthetic`.
 
     Light and reflections are mirrored, too. The plane is given in the frame of the thing's node, as it stands now.
+    What photos show of that side stays, and nothing is mirrored to where they show something else.
     """
 
     kind: ClassVar[str] = "complete_instance"
@@ -49,6 +59,10 @@ class CompleteInstance(GrowInstance):
     """Radians from x to the direction along the plane."""
     side: int = 1
     """The side that was seen and stays: 1 to the left of the heading, -1 to the right."""
+    kept: RowRuns | Int[ndarray, "_"] | Sequence[object] = ()
+    """Rows of the other side that photos show; they stay. Runs as pairs (first row, number of rows)."""
+    known: RowRuns | Int[ndarray, "_"] | Sequence[object] = ()
+    """Rows of the seen side whose mirror image photos would show; they have none."""
 
     def __post_init__(self) -> None:
         if not is_whole(self.id) or self.id < 1:
@@ -57,6 +71,14 @@ class CompleteInstance(GrowInstance):
         self.place, self.heading = (x, y), check_number(self.heading, "heading")
         if self.side not in (1, -1):
             raise EditError(phrase("side {side} is neither 1 nor -1", side=self.side))
+        self.kept, self.known = make_runs(self.kept), make_runs(self.known)
+
+    def to_json(self) -> dict[str, object]:
+        """Kind and parameters, the rows as runs."""
+        found = self.get_parameters()
+        for name, rows in (("kept", make_runs(self.kept)), ("known", make_runs(self.known))):
+            found[name] = rows.to_json()
+        return found
 
     @property
     def title(self) -> str:
@@ -66,19 +88,21 @@ class CompleteInstance(GrowInstance):
     def find_replaced(self, document: Document) -> Int64[ndarray, " k"]:
         """What is on the side that was not seen, floaters included."""
         rows = find_shown_body(document, self.id)
-        return rows[self._measure(document, rows) < 0]
+        rows = rows[self.measure_sides(document, rows) < 0]
+        return np.setdiff1d(rows, expand_runs(make_runs(self.kept), len(document.scene)))
 
     def build_addition(self, document: Document) -> Addition:
         """The mirror image of the side that was seen, without floaters. Raises EditError where there is none."""
         scene, entry = document.scene, document.scene.table[self.id]
         rows = find_shown_body(document, self.id)
         rows = rows[find_main_parts(document.compute_means(rows).astype(np.float64))]
-        rows = rows[self._measure(document, rows) > 0]
+        rows = rows[self.measure_sides(document, rows) > 0]
+        rows = np.setdiff1d(rows, expand_runs(make_runs(self.known), len(document.scene)))
         if not len(rows):
             raise EditError(phrase("instance {id} has nothing on that side of the plane", id=self.id))
         rows = rows[document.transforms.indices[rows] == find_main_entry(document, rows)]
         move = document.transforms.matrices[find_main_entry(document, rows)]
-        added = mirror_gaussians(scene.gaussians.select(rows), self._plane, move)
+        added = mirror_gaussians(scene.gaussians.select(rows), self.plane, move)
         extra = {name: column[rows] for name, column in scene.extra.items()}
         extra[SYNTHETIC] = np.full(len(rows), MIRRORED, scene.extra[SYNTHETIC].dtype)
         ids, nodes = scene.instance_ids[rows], scene.nodes[rows]
@@ -86,12 +110,13 @@ class CompleteInstance(GrowInstance):
         return Addition(part, document.colors.indices[rows], document.transforms.indices[rows], (entry,))
 
     @property
-    def _plane(self) -> Symmetry:
+    def plane(self) -> Symmetry:
+        """The plane."""
         return Symmetry(self.place, self.heading, 1.0)
 
-    def _measure(self, document: Document, rows: Int64[ndarray, " k"]) -> Float64[ndarray, " k"]:
-        """Metres into the side that was seen."""
-        return self.side * self._plane.measure(document.compute_means(rows).astype(np.float64))
+    def measure_sides(self, document: Document, rows: Int64[ndarray, " k"]) -> Float64[ndarray, " k"]:
+        """Measure how far rows lie on the side that was seen, metres."""
+        return self.side * self.plane.measure(document.compute_means(rows).astype(np.float64))
 
 
 def make_completion(document: Document, number: int) -> CompleteInstance:
@@ -121,7 +146,29 @@ def make_completion(document: Document, number: int) -> CompleteInstance:
     side = find_seen_side(plane, points)
     if side == 0:
         raise EditError(phrase("both sides of {name} were seen: there is nothing to complete", name=entry.name))
-    return CompleteInstance(number, plane.place, plane.heading, side)
+    return _ask_photos(document, CompleteInstance(number, plane.place, plane.heading, side), rows)
+
+
+def _ask_photos(document: Document, edit: CompleteInstance, solid: Int64[ndarray, " k"]) -> CompleteInstance:
+    """Add what photos say about both sides to an edit. Raises EditError where they show that its image is wrong."""
+    gaussians, name = document.scene.gaussians, document.scene.table[edit.id].name
+    witness = ask_photos(document, edit.id, solid)
+    seen = witness.count_seen(gaussians.means[solid].astype(np.float64))
+    if np.mean(seen >= 1) < LEAST_SEEN:  # it was added, or these are no photos of it: they say nothing
+        return edit
+    rows = find_shown_body(document, edit.id)
+    beside = edit.measure_sides(document, rows)
+    move = document.transforms.matrices[find_main_entry(document, rows)]
+    image = mirror_gaussians(gaussians.select(rows), edit.plane, move).means.astype(np.float64)
+    least = min(FEWEST_PHOTOS, len(witness.looks))
+    in_sight = witness.count_in_sight(image) >= least
+    mirrored = beside > 0
+    if np.mean(in_sight[mirrored & np.isin(rows, solid)]) > MOST_IN_SIGHT:
+        raise EditError(
+            phrase("photos of {name} show that it is not symmetric across the plane that was found", name=name)
+        )
+    is_kept = (beside < 0) & (witness.count_seen(gaussians.means[rows].astype(np.float64)) >= least)
+    return replace(edit, kept=rows[is_kept], known=rows[mirrored & in_sight])
 
 
 def mirror_gaussians(gaussians: Gaussians, plane: Symmetry, move: Float64[ndarray, "3 4"]) -> Gaussians:

@@ -40,6 +40,10 @@ def test_choices_become_arguments():
     assert RecordChoice().list_arguments() == []
     other = RecordChoice(shutter=0.03, rig=" rig.json ", video="mp4", flow=True)
     assert other.list_arguments() == ["--shutter", "0.03", "--rig", "rig.json", "--video", "mp4"]
+    file = RecordChoice(way="file", way_file=" drive.xosc#Ego ", exr=True, lidar="VLP-16", ray_drop=True)
+    ego, depth = ["--ego", "path=drive.xosc#Ego"], ["--depth-format", "exr"]
+    assert file.list_arguments() == [*ego, *depth, "--lidar", "VLP-16", "--ray-drop"]
+    assert RecordChoice(lidar="none", ray_drop=True).list_arguments() == ["--lidar", "none"]
     chosen = RecordChoice(width=64, flow=True, confidence=True, layouts=("coco", "t4"))
     assert chosen.list_arguments() == ["--width", "64", "--flow", "--confidence", "--layout", "coco", "t4"]
 

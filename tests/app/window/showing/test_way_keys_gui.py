@@ -16,6 +16,24 @@ def drag_by(window, widget, dx, dy):
     window.drag((x, y), (x + dx, y + dy))
 
 
+def carry_a_way_through_a_scenario(window, path, driven):
+    """All ways go into an OpenSCENARIO file; the selected thing gets another way, and that of the file again."""
+    window.key("ctrl+e")
+    window.click_widget("export.what")
+    window.click_widget("export.what.objects")
+    window.click_widget("dialog.path")
+    window.enter_path(path)
+    window.wait_for_message(f"to {path}")
+    window.wait_until_calm()
+    window.click(*find_on_map(window, 2.0, 14.0))
+    window.wait_for(lambda state: len(state["way_keys"]) == len(driven) + 1, "a longer way")
+    window.click_widget("menu Move")
+    window.click_widget("menu way.read")
+    window.enter_path(path)
+    window.wait_for(lambda state: state["way_keys"] and state["way_keys"][-1][1] < 0, "the way of the file")
+    assert window.state["way_keys"][-1][1:] == pytest.approx(driven[-1][1:], abs=0.1)
+
+
 def test_a_way_is_edited_everywhere_and_kept(street_folder, tmp_path):
     project = tmp_path / "ways.instdrive"
     with editor_window(street_folder, tmp_path) as window:
@@ -71,6 +89,7 @@ def test_a_way_is_edited_everywhere_and_kept(street_folder, tmp_path):
         window.wait_for_message(f"Saved {project}")
         driven = window.state["way_keys"]
         window.export(tmp_path / "out")
+        carry_a_way_through_a_scenario(window, tmp_path / "ways.xosc", driven)
         assert window.quit() == 0
     assert len(open_scene(tmp_path / "out").actors) == 2
     (tmp_path / "again").mkdir()

@@ -1,0 +1,152 @@
+"""What the photos of a thing say about places around it: where its surface is seen, and where nothing of it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64
+from numpy import ndarray
+
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
+from instdrive_core.maths.activations import sigmoid
+from instdrive_core.rasterize.kernels.settings import choose_raster_settings
+from instdrive_core.rasterize.preview import render_preview
+from instdrive_core.scene.camera import Camera, CameraView
+from instdrive_core.scene.scene import Scene, place_in_world
+
+MOST_LOOKS = 8
+"""Photos that are asked: those that show most of the thing."""
+_APART = 2
+"""Time steps between photos of one camera."""
+_LEAST_PIXELS = 300
+"""Pixels of a photo that the thing must span to be looked at."""
+_MOST_PIXELS = 12_000
+"""Pixels of the part of a photo around the thing; it is made smaller where it has more."""
+_BORDER = 8
+"""Pixels around the thing."""
+_NEAR = 0.15
+"""Metres along the viewing axis within which a place lies on what is seen there."""
+_ASLANT, _MOST_SLACK = 2.0, 0.4
+"""Pixels over which the depth of what lies aslant is uncertain, and metres by which it is at most."""
+_COVER = 0.5
+"""Share of a pixel's light from which something is seen there."""
+
+_Test = Callable[[Float64[ndarray, " k"], Float32[ndarray, " k"], Bool[ndarray, " k"]], Bool[ndarray, " k"]]
+"""Which places count, by metres behind what is seen there, by how aslant that is, and by whether it is the thing."""
+
+
+@dataclass(frozen=True)
+class _Look:
+    """The part of one photo around the thing, in the frame of its node."""
+
+    camera: Camera
+    depth: Float32[ndarray, "h w"]
+    """Metres; infinite where nothing is."""
+    slack: Float32[ndarray, "h w"]
+    """Metres by which depth is uncertain, since what is seen lies aslant."""
+    is_thing: Bool[ndarray, "h w"]
+
+
+@dataclass(frozen=True)
+class PhotoWitness:
+    """The photos that show a thing, as they were taken: nothing moved, deleted or added."""
+
+    looks: tuple[_Look, ...]
+
+    def count_seen(self, points: Float64[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
+        """Count the photos in which points (metres, in the frame of the thing's node) lie on its visible surface."""
+        return self._count(points, lambda ahead, slack, own: own & (np.abs(ahead) <= _NEAR + slack))
+
+    def count_in_sight(self, points: Float64[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
+        """Count the photos that would show something at points: on the thing's surface, or before all that is seen."""
+        return self._count(points, lambda ahead, slack, own: ahead <= _NEAR)
+
+    def _count(self, points: Float64[ndarray, "n 3"], holds: _Test) -> Int64[ndarray, " n"]:
+        counts = np.zeros(len(points), np.int64)
+        for look in self.looks:
+            pixels, depths = look.camera.project(points)
+            size = np.array([look.camera.width, look.camera.height])
+            framed = np.flatnonzero((depths > 0.3) & ((pixels >= 0) & (pixels < size)).all(axis=1))
+            columns, rows = np.floor(pixels[framed]).astype(int).T
+            ahead = depths[framed] - look.depth[rows, columns]
+            counts[framed] += holds(ahead, look.slack[rows, columns], look.is_thing[rows, columns])
+        return counts
+
+
+def ask_photos(document: Document, number: int, rows: Int64[ndarray, " k"]) -> PhotoWitness:
+    """Ask the photos that show most of an instance, of which `rows` are the solid splats as the file has them.
+
+    A photo is what the scene shows from its camera, before any edit. Without photo cameras, nobody says anything.
+    """
+    scene = document.scene
+    node = scene.table[number].node
+    points = scene.gaussians.means[rows].astype(np.float64)
+    tracks = tuple(document.get_first_track(place + 1) for place in range(len(scene.actors)))
+    photographed = replace(scene, actors=tracks)
+    trained = np.ones(len(scene), bool)
+    if SYNTHETIC in scene.extra:
+        trained &= scene.extra[SYNTHETIC] == 0
+    own = scene.instance_ids == number
+    looks = []
+    for view in _choose_views(photographed, points, node):
+        poses, present = photographed.find_node_poses(view.time)
+        gaussians = scene.gaussians
+        means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
+        opacities = np.where(trained & present[scene.nodes], sigmoid(gaussians.opacity_logits), np.float32(0))
+        camera = _cut_camera(view.camera, _place(points, poses[node]))
+        nothing = np.zeros((len(scene), 3), np.float32)
+        shown = render_preview(
+            means, quats, gaussians.log_scales, opacities, nothing, camera, choose_raster_settings(scene)
+        )
+        depth = np.where(shown.alpha >= _COVER, shown.depth, np.float32(np.inf))
+        is_thing = (shown.winner >= 0) & own[np.maximum(shown.winner, 0)]
+        posed = replace(camera, world_from_camera=np.linalg.inv(poses[node]) @ camera.world_from_camera)
+        looks.append(_Look(posed, depth, _measure_slack(shown.depth), is_thing))
+    return PhotoWitness(tuple(looks))
+
+
+def _measure_slack(depth: Float32[ndarray, "h w"]) -> Float32[ndarray, "h w"]:
+    """How much depth (metres) changes over `_ASLANT` pixels, up to `_MOST_SLACK`."""
+    steps = [np.abs(np.gradient(depth, axis=axis)) for axis in (0, 1) if depth.shape[axis] > 1]
+    slope = np.max([np.zeros_like(depth), *steps], axis=0)
+    return np.minimum(_ASLANT * slope, _MOST_SLACK).astype(np.float32)
+
+
+def _place(points: Float64[ndarray, "n 3"], pose: Float64[ndarray, "4 4"]) -> Float64[ndarray, "n 3"]:
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+def _choose_views(photographed: Scene, points: Float64[ndarray, "k 3"], node: int) -> list[CameraView]:
+    """Views in which the points span most pixels."""
+    views = photographed.views
+    found: list[tuple[float, int]] = []
+    for place, view in enumerate(views):
+        poses, present = photographed.find_node_poses(view.time)
+        if not present[node]:
+            continue
+        pixels, depths = view.camera.project(_place(points, poses[node]))
+        size = np.array([view.camera.width, view.camera.height])
+        framed = (depths > 0.3) & ((pixels >= 0) & (pixels < size)).all(axis=1)
+        if np.count_nonzero(framed) >= max(0.1 * len(points), 3):
+            found.append((float(np.prod(np.ptp(pixels[framed], axis=0))), place))
+    chosen: list[CameraView] = []
+    for span, place in sorted(found, key=lambda each: (-each[0], each[1])):
+        view = views[place]
+        if span < _LEAST_PIXELS or len(chosen) == MOST_LOOKS:
+            break
+        if all(view.name != other.name or abs(view.index - other.index) >= _APART for other in chosen):
+            chosen.append(view)
+    return chosen
+
+
+def _cut_camera(camera: Camera, points: Float64[ndarray, "k 3"]) -> Camera:
+    """The camera of the part of a photo around points."""
+    pixels, depths = camera.project(points)
+    pixels = np.clip(pixels[depths > 0.3], 0, [camera.width, camera.height])
+    x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - _BORDER), 0).astype(int).tolist()
+    x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + _BORDER), [camera.width, camera.height]).astype(int).tolist()
+    part = replace(camera, cx=camera.cx - x0, cy=camera.cy - y0, width=x1 - x0, height=y1 - y0)
+    return part.scale(min(1.0, float(np.sqrt(_MOST_PIXELS / (part.width * part.height)))))
