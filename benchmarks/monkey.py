@@ -44,8 +44,10 @@ NEVER = ("file.quit", "file.open", "file.recent", "file.sample", "file.insert")
 """Commands that would leave the document; their dialogs are reached by keys, and cancelled."""
 SLOW_EXPORTS: tuple[What, ...] = ("masks", "cameras")
 """A picture for each of many photos: there would be time for little else."""
-OFTEN = ("panel.", "map.", "way.", "ego.", "path.", "tool.", "move.", "view.cameras", "view.all_cameras", "view.wipe")
-OFTEN += ("view.flicker", "view.error", "view.beside", "file.improve", "file.record")
+OFTEN = (
+    *("panel.", "map.", "way.", "ego.", "path.", "tool.", "move.", "view.cameras", "view.all_cameras", "view.wipe"),
+    *("view.flicker", "view.error", "view.beside", "file.improve", "file.record"),
+)
 """Beginnings of commands that are chosen more often: what they open has actions of its own."""
 PHOTOS = 8
 """Photos that the sample scene is given: wipe, flicker and heat map need some."""
