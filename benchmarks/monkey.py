@@ -57,6 +57,8 @@ CHECK_SECONDS = 3.0
 """Between two looks at the whole document."""
 NEAR = 60.0
 """Pixels of a short drag: one that ends in the panel where it began."""
+SLOWEST = 6
+"""Frames that took the most CPU time, as many are told."""
 SLACK_OBJECTS = 40
 """Live GL objects more than after the first half that count as a leak."""
 
@@ -88,6 +90,9 @@ class Monkey:
         self.frames = 0
         self.longest_frame, self.longest_in = 0.0, ""
         """Seconds, and the action that was under way."""
+        self.works: list[tuple[float, str]] = []
+        """Most seconds of CPU time that the window's thread spent on one frame, and the actions: such time hardly depends
+        on what else runs."""
         self._doing = ""
         self.objects: list[int] = []
 
@@ -262,9 +267,10 @@ class Monkey:
 
     def _frames(self, count: int) -> Iterator[None]:
         for _ in range(count):
-            started = time.perf_counter()
+            started, worked = time.perf_counter(), time.thread_time()
             yield
             lasted = time.perf_counter() - started
+            self.works = sorted([*self.works, (time.thread_time() - worked, self._doing)])[-SLOWEST:]
             if lasted > self.longest_frame:
                 self.longest_frame, self.longest_in = lasted, self._doing
             self.frames += 1
@@ -335,6 +341,7 @@ def play(options: Options) -> dict[str, object]:
         "commands": len(+monkey.commands),
         "dragged": dict(monkey.dragged.most_common()),
         "longest_frame_ms": round(1e3 * monkey.longest_frame),
+        "most_cpu_ms": [[round(1e3 * seconds), doing] for seconds, doing in reversed(monkey.works)],
         "longest_in": monkey.longest_in,
         "gl_objects": [monkey.objects[0], monkey.objects[-1]] if monkey.objects else [],
         "problems": problems,

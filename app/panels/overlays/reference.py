@@ -53,7 +53,7 @@ class ReferenceOverlay:
                 left, top, right, bottom = state.viewpoint.fit_film(place.width, place.height)
                 film = (place.x + left, place.y + top, place.x + right, place.y + bottom)
                 _draw_image(ui, place, texture, 1.0, state.wipe)
-                self._line.draw(ui, film)
+                self._line.draw(ui, film, place.y + scale_pixels(14) + imgui.get_frame_height())
                 self._name_sides(ui, film)
             case Comparison.FLICKER:
                 shows_photo = imgui.get_time() % (2 * FLICKER_SECONDS) < FLICKER_SECONDS

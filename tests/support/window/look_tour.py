@@ -308,10 +308,12 @@ class Tour:
 
 
 def _is_cut_name(text: str, session: EditorSession) -> bool:
-    """Whether a text is the beginning of the name or class of an instance, which no language translates."""
+    """Whether a text is the beginning of the name or class of an instance, as it is drawn or measured where there is
+    little room; no language translates those."""
     table = session.document.scene.table if session.document is not None else ()
     names = {name for entry in table for name in (entry.name, entry.class_name)}
-    return text.endswith("…") and any(name.startswith(text.rstrip(" …")) for name in names)
+    beginning = text.rstrip(" …")
+    return bool(beginning) and text not in names and any(name.startswith(beginning) for name in names)
 
 
 def main(options: Options) -> None:
