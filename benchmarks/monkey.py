@@ -91,8 +91,7 @@ class Monkey:
         self.longest_frame, self.longest_in = 0.0, ""
         """Seconds, and the action that was under way."""
         self.works: list[tuple[float, str]] = []
-        """Most seconds of CPU time that the window's thread spent on one frame, and the actions: such time hardly depends
-        on what else runs."""
+        """Most CPU seconds of the window's thread in one frame, with the actions; they depend little on other work."""
         self._doing = ""
         self.objects: list[int] = []
 
