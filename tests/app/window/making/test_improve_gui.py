@@ -98,6 +98,9 @@ def test_a_job_goes_on_where_editor_and_job_were_killed(run, tmp_path):
         window = start(run, tmp_path, "second")
         try:
             window.click_widget("question.Go on")
+            window.click_widget("recovery.0.recover")
+            window.wait_for_edit("Delete")
+            window.click_widget("question.Don't save")  # once it is done, before the improved scene takes its place
             window.wait_for_message("Opened better.instdrive")
             window.wait_until_open()
             assert [title.split()[0] for title in window.state["history"] if "elect" not in title] == ["Delete"]
