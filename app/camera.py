@@ -98,27 +98,27 @@ def lift(viewpoint: Viewpoint, up: float) -> Viewpoint:
     return replace(viewpoint, world_from_camera=pose)
 
 
-def frame_box(viewpoint: Viewpoint, low: Float[ndarray, "3"], high: Float[ndarray, "3"]) -> Viewpoint:
-    """Look at the centre of a box, roughly in the present direction, from where all of it is visible."""
+def frame_box(
+    viewpoint: Viewpoint,
+    low: Float[ndarray, "3"],
+    high: Float[ndarray, "3"],
+    direction: Float[ndarray, "3"] | None = None,
+) -> Viewpoint:
+    """Look at the centre of a box from where all of it is visible: along a unit vector, or roughly as now."""
     center, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.2)
     lens = viewpoint.lens
     half_angle = np.arctan(min(lens.height / lens.fy, lens.width / lens.fx) / 2)
     distance = radius / np.sin(half_angle) * 1.1
-    direction = viewpoint.forward.copy()
-    direction[2] = min(direction[2], -0.25)
-    direction /= np.linalg.norm(direction)
+    if direction is None:
+        direction = viewpoint.forward.copy()
+        direction[2] = min(direction[2], -0.25)
+        direction /= np.linalg.norm(direction)
     return Viewpoint(look_at(center - distance * direction, center), lens, float(distance))
 
 
 def view_from_camera(view: CameraView, pivot_distance: float = 10.0) -> Viewpoint:
     """Make the viewpoint of a dataset camera, with its pose and intrinsics."""
     return Viewpoint(view.camera.world_from_camera, Intrinsics.from_camera(view.camera), pivot_distance)
-
-
-def frame_points(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
-    """Frame the box of most of the points (at least one), so that stray splats do not push the camera away."""
-    low, high = np.percentile(points, [2, 98], axis=0)
-    return frame_box(viewpoint, low, high)
 
 
 def look_at_ground(viewpoint: Viewpoint, place: Float[ndarray, "3"]) -> Viewpoint:

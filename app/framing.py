@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from instdrive_app.camera import NEAREST_PIVOT
+from instdrive_app.camera import NEAREST_PIVOT, frame_box
 from instdrive_app.state import Viewpoint, make_default_viewpoint
 from instdrive_core.scene.camera import look_at
 
@@ -23,6 +23,8 @@ FILL = 0.8
 """Share of the picture's height that the core takes, or of its width where it is broad."""
 MAX_BLOCKING = 0.01
 """Share of the picture, in points of the scene, that may be blocked without another direction being tried."""
+MAX_COVERED = 0.25
+"""Area of what is before a thing, as a share of the thing's in the picture, without another direction being tried."""
 _ELEVATIONS = (0.0, 0.25, 0.5, 0.8, 1.1, 1.35)
 _AZIMUTHS = (0.0, 0.5, -0.5, 1.0, -1.0, np.pi)
 _STEPS, _MOST_FITTED = 30, 2000
@@ -65,6 +67,31 @@ def frame_core(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint
         if blocking <= MAX_BLOCKING:
             break
     assert best is not None
+    return best
+
+
+def frame_thing(
+    viewpoint: Viewpoint,
+    points: Float[ndarray, "n 3"],
+    others: Float[ndarray, "m 3"],
+    areas: Float[ndarray, " m"],
+) -> Viewpoint:
+    """Frame most of a thing's points (at least one), roughly in the present direction.
+
+    Where `others`, splats that are shown and cover `areas` (m²), lie before the thing, the view rises or turns until
+    less is in the way.
+    """
+    low, high = np.percentile(points, [2, 98], axis=0)
+    inside = points[:: 1 + len(points) // _MOST_FITTED]
+    best = frame_box(viewpoint, low, high)
+    least = _measure_covering(best, others, areas, inside)
+    for direction in _list_directions(viewpoint.forward):
+        if least <= MAX_COVERED:
+            break
+        found = frame_box(viewpoint, low, high, direction)
+        covering = _measure_covering(found, others, areas, inside)
+        if covering < least:
+            best, least = found, covering
     return best
 
 
@@ -130,3 +157,17 @@ def _measure_blocking(view: Viewpoint, points: Float[ndarray, "n 3"], core: Floa
     is_before = ((places > low) & (places < high)).all(axis=1) & (local[:, 2] > 0) & (depths < 0.9 * nearest)
     is_close = np.linalg.norm(local, axis=1) < 0.1 * view.pivot_distance
     return float(np.count_nonzero(is_close) + ((nearest / depths[is_before]) ** 2).sum())
+
+
+def _measure_covering(
+    view: Viewpoint, others: Float[ndarray, "m 3"], areas: Float[ndarray, " m"], inside: Float[ndarray, "n 3"]
+) -> float:
+    """Measure the area in the picture of what stands before a thing, as a share of the rectangle around the thing."""
+    pose = view.world_from_camera
+    local, inner = (others - pose[:3, 3]) @ pose[:3, :3], (inside - pose[:3, 3]) @ pose[:3, :3]
+    nearest = float(np.percentile(inner[:, 2], 1))
+    low, high = np.percentile(inner[:, :2] / np.maximum(inner[:, 2:], 1e-6), [2, 98], axis=0)
+    depths = np.maximum(local[:, 2], 0.02 * view.pivot_distance)
+    places = local[:, :2] / depths[:, None]
+    is_before = ((places > low) & (places < high)).all(axis=1) & (local[:, 2] > 0) & (depths < 0.95 * nearest)
+    return float((areas[is_before] / depths[is_before] ** 2).sum() / max(float(np.prod(high - low)), 1e-9))

@@ -23,6 +23,7 @@ import tyro
 
 from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
+from benchmarks.sample_photos import add_photos
 from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.messages import Level
 from instdrive_app.render.gl.gl_objects import count_live_objects
@@ -34,6 +35,7 @@ from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_core.edits.document.fingerprint import fingerprint
 from instdrive_core.edits.document.invariants import find_broken_invariants
+from instdrive_core.evaluation.run_facts import FACTS
 from instdrive_core.project.save import SUFFIX
 
 SIZE = (1280, 720)
@@ -42,8 +44,21 @@ NEVER = ("file.quit", "file.open", "file.recent", "file.sample", "file.insert")
 """Commands that would leave the document; their dialogs are reached by keys, and cancelled."""
 SLOW_EXPORTS: tuple[What, ...] = ("masks", "cameras")
 """A picture for each of many photos: there would be time for little else."""
+OFTEN = (
+    *("panel.", "map.", "way.", "ego.", "path.", "tool.", "move.", "view.cameras", "view.all_cameras", "view.wipe"),
+    *("view.flicker", "view.error", "view.beside", "file.improve", "file.record"),
+)
+"""Beginnings of commands that are chosen more often: what they open has actions of its own."""
+PHOTOS = 8
+"""Photos that the sample scene is given: wipe, flicker and heat map need some."""
+DRAGGED = ("inspector.", "timeline.", "instances.", "filter.", "map.", "path.", "way.", "viewport.wipe", "views.")
+"""Beginnings of the names of what is dragged: numbers, sliders, rows, the map, graphs and the line of a wipe."""
 CHECK_SECONDS = 3.0
 """Between two looks at the whole document."""
+NEAR = 60.0
+"""Pixels of a short drag: one that ends in the panel where it began."""
+SLOWEST = 6
+"""Frames that took the most CPU time, as many are told."""
 SLACK_OBJECTS = 40
 """Live GL objects more than after the first half that count as a leak."""
 
@@ -69,9 +84,15 @@ class Monkey:
         self._random, self._seconds, self._most = random.Random(options.seed), options.seconds, options.actions
         self._hands = Hands()
         self.actions: Counter[str] = Counter()
+        self.commands: Counter[str] = Counter()
+        self.dragged: Counter[str] = Counter()
         self.problems: list[str] = []
         self.frames = 0
-        self.longest_frame = 0.0
+        self.longest_frame, self.longest_in = 0.0, ""
+        """Seconds, and the action that was under way."""
+        self.works: list[tuple[float, str]] = []
+        """Most CPU seconds of the window's thread in one frame, with the actions; they depend little on other work."""
+        self._doing = ""
         self.objects: list[int] = []
 
     def play(self) -> Iterator[None]:
@@ -129,7 +150,8 @@ class Monkey:
             self._export: 0.3,
         }
         action = self._random.choices(list(weights), list(weights.values()))[0]
-        self.actions[action.__name__.strip("_")] += 1
+        self._doing = action.__name__.strip("_")
+        self.actions[self._doing] += 1
         yield from action()
 
     def _command(self) -> Iterator[None]:
@@ -138,8 +160,11 @@ class Monkey:
             visible = document.find_visible_instances()
             count = min(len(visible), self._random.choice((1, 1, 2, 5)))
             self._session.selection.select(tuple(self._random.sample(visible, count)))
-        commands = [command for command in self._session.actions if command.id not in NEVER]
-        self._session.actions.run(self._random.choice(commands).id)
+        commands = [command.id for command in self._session.actions if command.id not in NEVER]
+        often = [name for name in commands if name.startswith(OFTEN)]
+        chosen = self._random.choice(often if self._random.random() < 0.4 else commands)
+        self._doing = f"command {chosen}"
+        self.commands[chosen] += self._session.actions.run(chosen)
         yield from self._frames(2)
 
     def _click_widget(self) -> Iterator[None]:
@@ -148,6 +173,7 @@ class Monkey:
             return
         name = self._random.choice(names)
         left, top, right, bottom = self._window.ui.marks.get(name, (0.0, 0.0, 0.0, 0.0))
+        self._doing = f"click on {name}"
         x, y = self._random.uniform(left, right), self._random.uniform(top, bottom)
         yield from self._click_somewhere(x, y, self._random.choices((1, 3), (6, 1))[0])
 
@@ -171,22 +197,28 @@ class Monkey:
         yield from self._drag_somewhere(*self._place(), self._random.choices((1, 2, 3), (4, 1, 1))[0])
 
     def _drag_widget(self) -> Iterator[None]:
-        """From a handle of the gizmo, where there are any, else from a number, a slider or a row."""
+        """From a handle, where there are any, else from a number, a slider, a graph or a row; half the time nearby."""
         marks = self._window.ui.marks
-        handles = [name for name in marks if name.startswith("gizmo.")]
-        names = sorted(
-            handles or (name for name in marks if name.startswith(("inspector.", "timeline.", "instances.")))
-        )
+        handles = sorted(name for name in marks if name.startswith("gizmo."))
+        others = sorted(name for name in marks if name.startswith(DRAGGED))
+        names = handles if handles and (not others or self._random.random() < 0.6) else others
         if names:
-            left, top, right, bottom = marks[self._random.choice(names)]
-            yield from self._drag_somewhere((left + right) / 2, (top + bottom) / 2, 1)
+            name = self._random.choice(names)
+            self._doing = f"drag of {name}"
+            self.dragged[name.rpartition(".")[0] or name] += 1
+            left, top, right, bottom = marks[name]
+            is_near = self._random.random() < 0.5
+            yield from self._drag_somewhere((left + right) / 2, (top + bottom) / 2, 1, NEAR if is_near else None)
 
-    def _drag_somewhere(self, x: float, y: float, button: int) -> Iterator[None]:
+    def _drag_somewhere(self, x: float, y: float, button: int, near: float | None = None) -> Iterator[None]:
         self._hands.move(x, y)
         yield from self._frames(2)
         self._hands.press(button)
         for _ in range(self._random.randrange(2, 7)):
-            self._hands.move(*self._place())
+            if near is None:
+                self._hands.move(*self._place())
+            else:
+                self._hands.move(x + self._random.uniform(-near, near), y + self._random.uniform(-near, near))
             yield from self._frames(1)
         self._hands.release(button)
         yield from self._frames(1)
@@ -196,6 +228,7 @@ class Monkey:
         chord = self._random.choice([*chords, "Escape", "Return", "Tab", "w", "a", "s", "d"])
         if chord in ("Ctrl+Q", "Ctrl+O"):
             return
+        self._doing = f"key {chord}"
         names = {"LeftArrow": "Left", "RightArrow": "Right", "=": "equal", "-": "minus"}
         *modifiers, key = chord.split("+")
         for modifier in modifiers:
@@ -233,9 +266,12 @@ class Monkey:
 
     def _frames(self, count: int) -> Iterator[None]:
         for _ in range(count):
-            started = time.perf_counter()
+            started, worked = time.perf_counter(), time.thread_time()
             yield
-            self.longest_frame = max(self.longest_frame, time.perf_counter() - started)
+            lasted = time.perf_counter() - started
+            self.works = sorted([*self.works, (time.thread_time() - worked, self._doing)])[-SLOWEST:]
+            if lasted > self.longest_frame:
+                self.longest_frame, self.longest_in = lasted, self._doing
             self.frames += 1
 
     def _calm(self) -> Iterator[None]:
@@ -277,6 +313,9 @@ def play(options: Options) -> dict[str, object]:
     with own_state() as folder, chdir(folder), open_virtual_display(SIZE):
         scene = folder / source.name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
+        if options.scene is None:
+            add_photos(scene, PHOTOS)
+            (scene / FACTS).write_text(json.dumps({"clip": str(folder / "gone")}), encoding="utf-8")
         session = EditorSession()
         session.files.open(scene)
         window = EditorWindow(session, WindowOptions(SIZE, remember_layout=False))
@@ -298,7 +337,11 @@ def play(options: Options) -> dict[str, object]:
         "frames": monkey.frames,
         "actions": sum(monkey.actions.values()),
         "edits": len(session.document.history.edits) if session.document else 0,
+        "commands": len(+monkey.commands),
+        "dragged": dict(monkey.dragged.most_common()),
         "longest_frame_ms": round(1e3 * monkey.longest_frame),
+        "most_cpu_ms": [[round(1e3 * seconds), doing] for seconds, doing in reversed(monkey.works)],
+        "longest_in": monkey.longest_in,
         "gl_objects": [monkey.objects[0], monkey.objects[-1]] if monkey.objects else [],
         "problems": problems,
     }

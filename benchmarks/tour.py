@@ -8,6 +8,7 @@ top of another one, or drawn in English although the window speaks another langu
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,7 +23,8 @@ from tyro.conf import Positional
 from benchmarks.catalogue import read_catalogue
 from instdrive_app.language.languages import ENGLISH
 
-TOUR = Path(__file__).parents[1] / "tests/support/window/look_tour.py"
+ROOT = Path(__file__).parents[1]
+TOUR = ROOT / "tests/support/window/look_tour.py"
 VISITS = (((900, 600), 1.0), ((900, 600), 2.0), ((2560, 1440), 1.0), ((1280, 720), 2.0))
 """Sizes at scale 1 and scales: 900 × 600 and 2560 × 1440 pixels, and the same with text twice as large."""
 CONTAINERS = ("viewport", "picture", "reference", "hover label", "deletion review")
@@ -61,7 +63,14 @@ def visit(
     command = [sys.executable, str(TOUR), str(out), "--size", *map(str, size), "--scale", str(scale), "--theme", theme]
     command += ["--language", language, *(["--pictures"] if pictures else [])]
     command += [word for state in only for word in ("--only", state)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
     if done.returncode:
         raise RuntimeError(done.stderr)
     return json.loads((out / "looks.json").read_text(encoding="utf-8"))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
@@ -20,6 +23,8 @@ PICTURE = "##picture"
 """ID of the picture as an ImGui item."""
 DRAG_PIXELS = 4.0
 """A press that moves farther than this is a drag, not a click; pixels at scale 1."""
+QUICK_FRAMES, QUICK_PIXELS = 2, 6.0
+"""Frames within which a second press is one of a double click however long they last, and its distance, pixels."""
 TURN_PER_PIXEL = 0.005
 """Radians per pixel at scale 1."""
 DOLLY_PER_PIXEL = 0.99
@@ -33,6 +38,25 @@ FLY_KEYS = {
     imgui.Key.a: (-1.0, 0.0, 0.0),
 }
 LIFT_KEYS = {imgui.Key.e: 1.0, imgui.Key.q: -1.0}
+
+
+@dataclass(frozen=True)
+class Press:
+    """A press of a mouse button."""
+
+    frame: int
+    """Number of the frame in which it was heard of."""
+    x: float
+    y: float
+
+
+def is_quick_repeat(before: Press, now: Press) -> bool:
+    """Whether a press follows another as fast as frames can tell, at the same place.
+
+    Where frames last long, both presses of a double click are heard of too far apart for its time. What was meant to
+    frame a car would then select the road behind it.
+    """
+    return now.frame - before.frame <= QUICK_FRAMES and math.hypot(now.x - before.x, now.y - before.y) <= QUICK_PIXELS
 
 
 class ViewportPanel:
@@ -50,6 +74,7 @@ class ViewportPanel:
         """Whether Escape ended the tool's part of the present press."""
         self._is_double = False
         """Whether the present press, or the one just released, is the second of a double click."""
+        self._press = Press(-100, 0.0, 0.0)
         self._menu_instance = 0
         self._empty = EmptyView()
 
@@ -119,7 +144,9 @@ class ViewportPanel:
         viewpoint = state.viewpoint
         if any(imgui.is_mouse_clicked(button) for button in range(3)):
             self._drags = self._tool_stopped = False
-            self._is_double = imgui.is_mouse_double_clicked(0)
+            press = Press(imgui.get_frame_count(), io.mouse_pos.x, io.mouse_pos.y)
+            repeats = imgui.is_mouse_clicked(0) and is_quick_repeat(self._press, press)
+            self._is_double, self._press = repeats or imgui.is_mouse_double_clicked(0), press
         moved = self._drag_view(ui, place) if active else viewpoint
         if hovered and io.mouse_wheel and io.key_alt:
             self._turn_wheel(ui, place, -1 if io.mouse_wheel > 0 else 1)

@@ -91,7 +91,7 @@ class EditorSession:
 
         self.selection = SelectionController(context)
         self.filter = ValueFilter(context)
-        self.visibility = VisibilityController(context)
+        self.visibility = VisibilityController(context, self.navigation.bring_into_view)
         self.colors = ColorController(context)
         self.labels = LabelController(context)
         self.movement = MoveController(context)

@@ -10,7 +10,7 @@ from jaxtyping import Float, Float32, Int
 from numpy import ndarray
 
 from instdrive_app import camera
-from instdrive_app.framing import frame_core, frame_scene
+from instdrive_app.framing import frame_core, frame_scene, frame_thing
 from instdrive_app.session.context import SessionContext
 from instdrive_app.state import Viewpoint
 from instdrive_app.timeline import Timeline
@@ -32,6 +32,8 @@ GROUND_RADII = (4.0, 8.0, 16.0, 40.0)
 MIN_OPACITY_LOGIT = -2.0
 """Fainter splats do not count when a view is chosen."""
 
+LEAST_IN_VIEW = 0.2
+"""Share of splats inside the film below which something counts as out of view."""
 LOWEST, HIGHEST = -0.7, 0.2
 """Limits of the vertical part of the viewing direction after the scene was turned."""
 
@@ -146,11 +148,34 @@ class Navigation:
         if ids:
             means = self.compute_world_means(ids)
             if len(means):
-                self.look_from(camera.frame_points(self._state.viewpoint, means))
+                self._frame_thing(ids, means)
             return
         means = self._find_framed_means()
         if len(means):
             self.look_from(frame_core(self._state.viewpoint, means))
+
+    def bring_into_view(self, ids: tuple[int, ...]) -> None:
+        """Frame instances that are out of view, or nearly so; where they are in view already the camera stays."""
+        means = self.compute_world_means(ids) if self._context.document is not None and ids else np.zeros((0, 3))
+        if not len(means):
+            return
+        lens = self._state.viewpoint.lens
+        pixels, depths = self._state.viewpoint.fit_camera(lens.width, lens.height).project(means)
+        inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < (lens.width, lens.height)).all(axis=1)
+        if inside.mean() < LEAST_IN_VIEW:
+            self._frame_thing(ids, means)
+
+    def _frame_thing(self, ids: tuple[int, ...], means: Float[ndarray, "n 3"]) -> None:
+        """Frame instances from where nothing that is shown stands before them."""
+        document = self._context.document
+        assert document is not None
+        drawn = np.flatnonzero(document.state.drawn)
+        stride = 1 + len(drawn) // MAX_LOOKED_AT
+        others = drawn[::stride]
+        others = others[document.scene.gaussians.opacity_logits[others] > MIN_OPACITY_LOGIT]
+        widths = np.exp(np.sort(document.scene.gaussians.log_scales[others], axis=1)[:, 1:].sum(axis=1))
+        areas = stride * np.pi * widths.astype(np.float64)
+        self.look_from(frame_thing(self._state.viewpoint, means, self._place(others), areas))
 
     def follow_scene(self, matrix: Similarity) -> None:
         """Keep looking at the same thing, upright, after the whole scene was transformed by [s R | t].

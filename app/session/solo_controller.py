@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from instdrive_app.session.context import SessionContext
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.compound import CompoundEdit
@@ -17,8 +19,8 @@ class SoloController:
     Whether they are still alone is read from the document: undoing the step ends it, redoing brings it back.
     """
 
-    def __init__(self, context: SessionContext) -> None:
-        self._context = context
+    def __init__(self, context: SessionContext, bring_into_view: Callable[[Ids], None]) -> None:
+        self._context, self._bring_into_view = context, bring_into_view
         self._of: Document | None = None
         self._ids: Ids = ()
         self._step: SoloInstances | None = None
@@ -53,6 +55,7 @@ class SoloController:
         if self._context.apply(step):
             self._of, self._ids, self._hidden_before, self._known = document, tuple(ids), hidden, None
             self._step = step
+            self._bring_into_view(ids)
 
     def leave(self) -> None:
         """Show everything again that was shown before."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.solo_controller import SoloController
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, ShowAll
@@ -12,9 +14,10 @@ Ids = tuple[int, ...]
 class VisibilityController:
     """Decides what is drawn and what can be edited."""
 
-    def __init__(self, context: SessionContext) -> None:
+    def __init__(self, context: SessionContext, bring_into_view: Callable[[Ids], None]) -> None:
+        """`bring_into_view` gets what is shown alone: where it is out of view nothing at all would be seen."""
         self._context = context
-        self.solo = SoloController(context)
+        self.solo = SoloController(context, bring_into_view)
 
     @property
     def locked_ids(self) -> Ids:

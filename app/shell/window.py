@@ -284,6 +284,7 @@ class EditorWindow:
     def _after_panels(self) -> None:
         while (request := self._session.requests.take(ShowPanel)) is not None:
             self._show_panel(request.panel, request.closes)
+            self._dialogs.hold()
         self._dialogs.draw(self.ui)
         draw_progress(self.ui)
         draw_toasts(self.ui)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from procedural_street import procedural_street
 
-from instdrive_app.framing import find_dense_core, frame_core, frame_scene
+from instdrive_app.framing import find_dense_core, frame_core, frame_scene, frame_thing
 from instdrive_app.state import make_default_viewpoint
 
 
@@ -46,6 +46,22 @@ def test_a_wall_before_the_core_is_looked_over():
     assert before.mean() < 0.25
     straight = np.r_[0.0, np.cos(0.25), -np.sin(0.25)]
     assert view.forward @ straight < 0.98, "from the front the wall would hide half"
+
+
+def test_a_thing_behind_a_wall_is_looked_at_from_where_the_wall_is_not():
+    rng = np.random.default_rng(4)
+    car = rng.uniform(-1, 1, (500, 3)) * [1, 2, 0.7] + np.array([0, 0, 0.7])
+    wall = np.c_[rng.uniform(-30, 30, 9000), rng.uniform(-3.2, -3.0, 9000), rng.uniform(0, 12, 9000)]
+    areas = np.full(9500, 0.15)
+    plain = frame_thing(make_default_viewpoint(), car, car, areas[:500])
+    assert plain.forward[1] > 0.9, "roughly as before where nothing is in the way"
+    found = frame_thing(make_default_viewpoint(), car, np.concatenate([car, wall]), areas)
+    to_car = car - found.position
+    crossing = found.position + to_car * ((-3.1 - found.position[1]) / to_car[:, 1:2])
+    assert found.position[1] > -3.1 or (crossing[:, 2] > 12).mean() > 0.8, "in front of the wall, or above it"
+    pixels, depths = found.fit_camera(1600, 900).project(car)
+    assert (depths > 0).all()
+    assert ((pixels > 0) & (pixels < (1600, 900))).all()
 
 
 def test_the_first_view_of_a_street_is_not_inside_its_splats():

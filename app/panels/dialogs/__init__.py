@@ -42,11 +42,16 @@ class DialogRecord:
     """Types of the requests that open the dialog; no other dialog answers them."""
 
 
+HELD_FRAMES = 4
+"""Frames until a panel has come to the front."""
+
+
 class DialogHost:
     """Opens the dialog for each request, one at a time, and draws the open one."""
 
     def __init__(self, records: Sequence[DialogRecord]) -> None:
         """Create the dialogs. Raises ValueError if two of them answer the same request."""
+        self._held = 0
         self._dialogs: list[Dialog] = []
         self._by_request: dict[type[Request], Dialog] = {}
         for record in records:
@@ -64,11 +69,17 @@ class DialogHost:
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame: open the dialog for the next request, unless one is open, and draw all dialogs."""
-        request = ui.session.requests.take_due(is_blocked=imgui.internal.get_top_most_popup_modal() is not None)
+        is_blocked = self._held > 0 or imgui.internal.get_top_most_popup_modal() is not None
+        self._held = max(self._held - 1, 0)
+        request = ui.session.requests.take_due(is_blocked)
         if request is not None:
             self.open(ui, request)
         for dialog in self._dialogs:
             dialog.draw(ui)
+
+    def hold(self) -> None:
+        """Open no dialog in the next frames: a panel comes to the front, and would close it."""
+        self._held = HELD_FRAMES
 
     def open(self, ui: Ui, request: Request) -> None:
         """Open the dialog for a request; one that no dialog answers is logged as an error."""

@@ -10,7 +10,7 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 from instdrive_app.language.translation import translate
 from instdrive_app.panels.overlays.wipe import WipeLine
 from instdrive_app.panels.widgets.theme import pack_color
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, fit_text, scale_pixels
 from instdrive_app.preferences.themes import BACKGROUND, DIM, PICTURE_ACCENT, PICTURE_SHADE, TEXT
 from instdrive_app.session.showing.photo_difference import HEAT_RAMP, HOT, Difference
 from instdrive_app.state import Comparison, Reference, ViewMode
@@ -45,7 +45,7 @@ class ReferenceOverlay:
         if texture is None:
             missing = _explain_missing(ui)
             if missing:
-                _draw_plate(place.x + (place.width - _measure_plate(missing)) / 2, place.y + scale_pixels(10), missing)
+                _draw_note(ui, place, missing)
             return
         ui.marks["reference"] = (place.x, place.y, place.x + place.width, place.y + place.height)
         match state.comparison:
@@ -53,13 +53,13 @@ class ReferenceOverlay:
                 left, top, right, bottom = state.viewpoint.fit_film(place.width, place.height)
                 film = (place.x + left, place.y + top, place.x + right, place.y + bottom)
                 _draw_image(ui, place, texture, 1.0, state.wipe)
-                self._line.draw(ui, film)
+                self._line.draw(ui, film, place.y + scale_pixels(14) + imgui.get_frame_height())
                 self._name_sides(ui, film)
             case Comparison.FLICKER:
                 shows_photo = imgui.get_time() % (2 * FLICKER_SECONDS) < FLICKER_SECONDS
                 if shows_photo:
                     _draw_image(ui, place, texture, 1.0)
-                self._name(place, state.reference.value if shows_photo else Reference.NONE.value)
+                _draw_note(ui, place, translate((state.reference if shows_photo else Reference.NONE).value))
             case Comparison.ERROR:
                 self._draw_difference(ui, place)
             case _:
@@ -69,23 +69,19 @@ class ReferenceOverlay:
         """Name what is left and right of the line, where there is room for it."""
         left, _, right, bottom = film
         border, gap = left + ui.session.state.wipe * (right - left), scale_pixels(10)
-        top = bottom - imgui.get_text_line_height() - 2 * gap - scale_pixels(5)
+        top = _find_plate_top(bottom)
         photo, splats = (translate(kind.value) for kind in (ui.session.state.reference, Reference.NONE))
         if border - left > _measure_plate(photo) + 2 * gap:
             _draw_plate(border - gap - _measure_plate(photo), top, photo)
         if right - border > _measure_plate(splats) + 2 * gap:
             _draw_plate(border + gap, top, splats)
 
-    def _name(self, place: Rectangle, name: str) -> None:
-        text = translate(name)
-        _draw_plate(place.x + (place.width - _measure_plate(text)) / 2, place.y + scale_pixels(10), text)
-
     def _draw_difference(self, ui: Ui, place: Rectangle) -> None:
         difference, found = ui.session.difference, ui.session.difference.current
         if ui.session.state.view_mode is not ViewMode.COLOR:
-            self._name(place, "The heat map compares colours; choose the colour view")
+            _draw_note(ui, place, translate("The heat map compares colours; choose the colour view"))
         elif found is None:
-            self._name(place, difference.problem or "Comparing with the photo…")
+            _draw_note(ui, place, translate(difference.problem or "Comparing with the photo…"))
         else:
             _draw_image(ui, place, ui.textures.show("difference", found.heat), 1.0)
             _draw_legend(ui, place, found)
@@ -167,6 +163,21 @@ def _explain_missing(ui: Ui) -> str:
         return ""
     view = document.scene.views[state.dataset_view]
     return translate(ui.session.references.explain_missing(view, state.reference))
+
+
+def _draw_note(ui: Ui, place: Rectangle, text: str) -> None:
+    """Draw text on a plate in the middle of the film's lower edge; the view modes are at the upper one."""
+    _, _, _, bottom = ui.session.state.viewpoint.fit_film(place.width, place.height)
+    text = fit_text(text, place.width - scale_pixels(40))
+    left, top = place.x + (place.width - _measure_plate(text)) / 2, _find_plate_top(place.y + bottom)
+    _draw_plate(left, top, text)
+    high = imgui.get_text_line_height() + scale_pixels(10)
+    ui.marks["viewport.note"] = (left, top, left + _measure_plate(text), top + high)
+
+
+def _find_plate_top(bottom: float) -> float:
+    """Place a plate above a film's lower edge."""
+    return bottom - imgui.get_text_line_height() - scale_pixels(25)
 
 
 def _draw_plate(left: float, top: float, text: str) -> None:

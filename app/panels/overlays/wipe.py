@@ -17,13 +17,18 @@ KNOB = 12.0
 class WipeLine:
     """Draws the line and moves it with the mouse."""
 
-    def draw(self, ui: Ui, film: tuple[float, float, float, float]) -> None:
-        """Draw one frame; `film` is where the photo is in the window: left, top, right, bottom."""
+    def draw(self, ui: Ui, film: tuple[float, float, float, float], buttons: float) -> None:
+        """Draw one frame; `film` is where the photo is in the window: left, top, right, bottom.
+
+        Above `buttons` the mouse does not take the line: there are the view modes.
+        """
         left, top, right, bottom = film
         state, reach = ui.session.state, scale_pixels(REACH)
         x = left + state.wipe * (right - left)
-        imgui.set_cursor_screen_pos(ImVec2(x - reach, top))
-        imgui.invisible_button("##wipe", ImVec2(2 * reach, max(bottom - top, 1.0)))
+        begin = max(top, min(buttons, bottom - 1))
+        imgui.set_cursor_screen_pos(ImVec2(x - reach, begin))
+        imgui.set_next_item_allow_overlap()
+        imgui.invisible_button("##wipe", ImVec2(2 * reach, max(bottom - begin, 1.0)))
         ui.mark("viewport.wipe")
         is_held = imgui.is_item_active()
         if is_held or imgui.is_item_hovered():

@@ -10,6 +10,7 @@ from instdrive_app.panels.overlays.hole_pattern import build_hole_pattern, proje
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteRows
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
@@ -224,6 +225,19 @@ def test_the_place_that_a_moved_car_leaves_is_offered_once(session):
     finish(session)
     assert session.deletion.review.findings is None
     assert session.document.history.done[-1].title == f"Fill hole of {found.report.fill_area:.1f} m²"
+
+
+def test_a_shadow_laid_before_the_place_is_looked_at_hides_no_hole(session):
+    session.tick(0.0)
+    session.history.apply(MoveInstances((CAR,), (-4.0, 0.0, 0.0)))
+    for _ in range(3):
+        session.tick(0.21)
+        finish(session)
+    assert isinstance(session.document.history.done[-1], CompoundEdit), "the move has its shadow"
+    assert session.deletion.review.findings is None
+    session.tick(1.0)
+    finish(session)
+    assert session.deletion.review.findings.title == "Moved Car 7"
 
 
 def test_holes_are_offered_again_after_saving_and_reopening(two_holes, tmp_path):

@@ -1,23 +1,21 @@
 """Nothing is cut off or covered: where widgets are in the real window, at several sizes and scales."""
 
-import json
 import shutil
-import subprocess
-import sys
 from itertools import combinations
-from pathlib import Path
 
 import pytest
 
+from benchmarks.tour import visit
+
 pytestmark = pytest.mark.gui
 
-TOUR = Path(__file__).parents[2] / "support/window/look_tour.py"
 SIZES = [((1280, 720), 1.0), ((1280, 720), 2.0), ((1600, 900), 1.0), ((1024, 640), 1.0), ((640, 400), 2.0)]
 TINY = [1280, 800]
 """Pixels of the smallest window, whose text is twice as large."""
+WHOLE_TOUR = (1024, 640)
 MOST_TELLING = ("empty", "open", "one", "move tool", "side by side, depth", "hover", "dialog export", "dialog cleanup")
 MOST_TELLING += ("dialog shortcuts", "dialog about", "menu Help", "camera path", "dialog film")
-"""States that are looked at where the window is large: frames are slow, and there is more room for everything."""
+"""States that are looked at in the other windows; `benchmarks.tour` looks at all of them in many more."""
 CONTAINERS = ("viewport", "picture", "reference", "hover label", "deletion review")
 """What other widgets stand in, or what follows the mouse over them."""
 SLACK = 1.0
@@ -41,13 +39,8 @@ def tour(request, tmp_path_factory):
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is not installed")
     (width, height), scale = request.param
-    out = tmp_path_factory.mktemp("looks") / "tour"
-    command = [sys.executable, str(TOUR), str(out), "--size", str(width), str(height), "--scale", str(scale)]
-    if width * scale > 1280 or scale > 1:
-        command += [word for state in MOST_TELLING for word in ("--only", state)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
-    assert done.returncode == 0, done.stderr
-    states = json.loads((out / "looks.json").read_text())
+    only = () if (width, height) == WHOLE_TOUR else MOST_TELLING
+    states = visit(tmp_path_factory.mktemp("looks") / "tour", (width, height), scale, "dark", only)
     return {"pixels": [width * scale, height * scale], "states": states}
 
 

@@ -17,6 +17,7 @@ from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.fill_hole import FillHole
+from instdrive_core.edits.kinds.light.cast_shadows import find_put
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import SelectInstances
@@ -72,6 +73,7 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
     after = psnr(bake_document(document), street.empty, mask, camera)
     assert after > 28, (before, after)
     assert before < 15, (before, after)
+    assert find_put(document.history.done[-1]).ids == (), "ground gets no shadow, and is in nothing's way"
 
 
 def test_copies_lie_on_the_ground_in_its_colours(street):

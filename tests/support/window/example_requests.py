@@ -3,6 +3,7 @@
 from datetime import UTC, datetime
 
 import numpy as np
+from PIL import Image
 
 from instdrive_app.session.requests import (
     AskChangedScene,
@@ -31,6 +32,7 @@ from instdrive_app.session.requests import (
     do_nothing,
 )
 from instdrive_core.errors import SceneTooLargeError
+from instdrive_core.jobs.job_file import CurvePoint, JobRequest, JobStage, JobState, write_job_state
 from instdrive_core.project.recoverable import RecoverableSession
 from instdrive_core.scene.lint import Defect
 
@@ -85,3 +87,20 @@ def fill_in(session, scene):
         RecoverableSession(scene.parent, scene, datetime(2026, 5, 4, 12, 30, tzinfo=UTC), 12),
         RecoverableSession(scene.parent, scene.with_name("gone.ply"), datetime.now(UTC), 1, "gone.ply is gone"),
     ]
+
+
+def write_example_job(run):
+    """Write the state of a job that trains, as its process would, with every part that can be shown."""
+    stages = (
+        JobStage("poses", "Poses of the photos", "done", 1.0, 75.0),
+        JobStage("train", "Training", "running", 0.4, 130.0),
+        JobStage("eval", "Evaluation"),
+    )
+    curve = tuple(CurvePoint("rgb", 10 * n, 0.5 / (n + 1), 18.0 + 0.2 * n) for n in range(40))
+    run.mkdir(parents=True, exist_ok=True)
+    (run / "job").mkdir(exist_ok=True)
+    note = "3 of 120 photos are left out: no pose was found for them. They are blurred, or show nothing of the rest"
+    request = JobRequest(str(run.parent), 20.0)
+    state = JobState(request, "running", stages, "Colour and shape", 200.0, 2_000, curve, (note,), "", 1)
+    Image.fromarray(np.full((90, 320, 3), 128, np.uint8)).save(run / "job" / "picture.jpg")
+    write_job_state(run, state)

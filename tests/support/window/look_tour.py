@@ -1,8 +1,7 @@
 """A tour through the editor's states in a window of a given size: where every widget is, and pictures of them.
 
 ``python tests/support/window/look_tour.py OUT --size 1280 720 --scale 2 --pictures`` writes OUT/looks.json,
-OUT/texts.json with all that was drawn, and a PNG
-per state.
+OUT/texts.json with all that was drawn, and a PNG per state. PYTHONPATH must name the repository.
 """
 
 import json
@@ -13,23 +12,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tyro
 from drawn_texts import record_texts
-from example_requests import fill_in, list_requests
+from example_requests import fill_in, list_requests, write_example_job
 from imgui_bundle import imgui
 from PIL import Image
 from tyro.conf import Positional
 
+from benchmarks.sample_photos import add_photos
 from instdrive_app.camera import orbit
 from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.panels.registry import PANELS
 from instdrive_app.preferences.themes import DEFAULT_THEME
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import ReceiveDrop, ShowPanel
+from instdrive_app.session.export_kinds import KINDS
+from instdrive_app.session.requests import AskExport, ReceiveDrop, ShowPanel
+from instdrive_app.session.turn_controller import TurnOffer
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
-from instdrive_app.state import Comparison, Reference, ViewMode
+from instdrive_app.state import Comparison, Reference, Stack, ViewMode
+from instdrive_core.scene.up_estimate import UpEstimate
 
 LONG_NAME = ("A parked delivery van with a rather long name, behind the second lamp post, " * 3)[:200]
 """The longest name allowed."""
@@ -71,6 +75,8 @@ class Tour:
         yield from self._look("open")
         yield from self._selections()
         yield from self._tools_and_panels()
+        yield from self._questions()
+        yield from self._driving()
         yield from self._views()
         yield from self._dialogs()
         yield from self._menus()
@@ -100,17 +106,89 @@ class Tour:
             if self._wanted(f"panel {record.title}"):
                 session.requests.put(ShowPanel(record.title))
                 yield from self._look(f"panel {record.title}", frames=8)
+        session.requests.put(ShowPanel("Map", closes=True))
+        if self._wanted("panel Training, running"):
+            write_example_job(self._options.out / "a run")
+            session.making.follow(self._options.out / "a run")
+            session.requests.put(ShowPanel("Training"))
+            yield from self._look("panel Training, running", frames=40)
         self._front("Inspector")
         self._front("Timeline")
         session.state.shows_first_steps = True
         yield from self._look("first steps")
         session.state.shows_first_steps = False
 
+    def _questions(self) -> Iterator[None]:
+        """What lies over the picture after something was done."""
+        session, ids = self._session, self._cars()
+        session.selection.select(ids[:1])
+        if self._wanted("deletion review"):
+            session.deletion.delete(ids[1:2])
+            yield from self._until(lambda: session.deletion.review.findings is not None)
+            yield from self._look("deletion review")
+            session.history.undo()
+            session.messages.dismiss()
+        if self._wanted("solo"):
+            session.visibility.solo.enter(ids[:1])
+            yield from self._look("solo")
+            session.visibility.solo.leave()
+        offer = TurnOffer(UpEstimate(np.array([0.0, -1.0, 0.0]), True, "the ground"))
+        session.orientation.offer = offer
+        yield from self._look("upright bar")
+        session.orientation.dismiss_offer()
+        session.selection.select(ids[:1])
+        snapshot = self._window.ui.view.snapshot
+        assert snapshot is not None
+        session.state.stack = Stack(ids[:6], 0, (200.0, 150.0), snapshot.camera.world_from_camera.tobytes())
+        self._window.ui.script_pointer = (1.0, 1.0)
+        yield from self._look("stack")
+        session.state.stack, self._window.ui.script_pointer = None, None
+        session.aids.box.place(session.state.viewpoint.pivot, 10.0, 0)
+        session.actions.run("tool.box")
+        yield from self._look("box")
+        session.actions.run("box.remove")
+        for shift in (0.0, 3.0):
+            session.aids.ruler.add(session.state.viewpoint.pivot + shift)
+        session.actions.run("tool.measure")
+        yield from self._look("ruler")
+        session.aids.ruler.clear()
+        session.state.show_grid = True
+        yield from self._look("grid")
+        session.state.show_grid = False
+        session.actions.run("tool.pick")
+
+    def _driving(self) -> Iterator[None]:
+        """Cameras, the map, and the keys of a way."""
+        session, state, document = self._session, self._session.state, self._session.document
+        assert document is not None
+        session.navigation.look_down(())
+        state.show_cameras = state.show_all_cameras = True
+        yield from self._look("cameras")
+        state.show_cameras = state.show_all_cameras = False
+        if any(self._wanted(name) for name in ("way", "map")):
+            mover = next(entry.id for entry in document.scene.table if entry.node)
+            session.selection.select((mover,))
+            session.actions.run("tool.path")
+            for place in ((0.0, 4.0), (0.5, 9.0)):
+                session.ego_way.add(*place)
+            session.ego_way.is_drawing = True
+            session.requests.put(ShowPanel("Way"))
+            session.requests.put(ShowPanel("Map"))
+            yield from self._frames(8)
+            yield from self._until(lambda: not session.map.is_painting)
+            yield from self._look("way", frames=8)
+            session.requests.put(ShowPanel("Map", closes=True))
+            session.ego_way.forget()
+        session.actions.run("tool.pick")
+        self._front("Inspector")
+        session.navigation.look_from_start()
+        session.selection.select(self._cars()[:1])
+
     def _views(self) -> Iterator[None]:
         session, state = self._session, self._session.state
         if self._wanted("camera path"):
             yield from self._film()
-        for mode in (ViewMode.DEPTH, ViewMode.INSTANCE, ViewMode.CODEWORD):
+        for mode in (ViewMode.DEPTH, ViewMode.INSTANCE, ViewMode.CODEWORD, ViewMode.CENTERS, ViewMode.RINGS):
             state.view_mode = mode
             yield from self._look(f"{mode.value.lower()} view")
         state.view_mode = ViewMode.COLOR
@@ -118,8 +196,10 @@ class Tour:
         yield from self._look("camera")
         state.reference = Reference.PHOTO
         yield from self._look("photo over")
-        for comparison in (Comparison.WIPE, Comparison.ERROR, Comparison.BESIDE):
+        for comparison in (Comparison.WIPE, Comparison.FLICKER, Comparison.ERROR, Comparison.BESIDE):
             state.comparison = comparison
+            if comparison is Comparison.ERROR and self._wanted(comparison.value.lower()):
+                yield from self._until(lambda: session.difference.current is not None)
             yield from self._look(comparison.value.lower(), frames=8)
         state.view_mode = ViewMode.DEPTH
         yield from self._look("side by side, depth")
@@ -150,6 +230,10 @@ class Tour:
             # Not by the queue: the list of instances would take the renaming.
             self._window._dialogs.open(self._window.ui, request)
             yield from self._look(f"dialog {name}", frames=25 if name == "split" else 5)
+            yield from self._escape()
+        for what in KINDS:
+            self._window._dialogs.open(self._window.ui, AskExport(what))
+            yield from self._look(f"dialog export {what}", frames=5)
             yield from self._escape()
         session.files.autosave.recoverable = []
         others = tuple(self._options.out / f"{number} {LONG_NAME}.ply" for number in range(5))
@@ -213,10 +297,23 @@ class Tour:
             yield from self._window.screenshot()
             Image.fromarray(self._window.last_screenshot).save(self._options.out / f"{state}.png")
 
+    def _until(self, reached: Callable[[], bool]) -> Iterator[None]:
+        while not reached():  # the tour as a whole has a limit of time
+            yield
+
     @staticmethod
     def _frames(count: int) -> Iterator[None]:
         for _ in range(count):
             yield
+
+
+def _is_cut_name(text: str, session: EditorSession) -> bool:
+    """Whether a text is the beginning of the name or class of an instance, as it is drawn or measured where there is
+    little room; no language translates those."""
+    table = session.document.scene.table if session.document is not None else ()
+    names = {name for entry in table for name in (entry.name, entry.class_name)}
+    beginning = text.rstrip(" …")
+    return bool(beginning) and text not in names and any(name.startswith(beginning) for name in names)
 
 
 def main(options: Options) -> None:
@@ -228,12 +325,14 @@ def main(options: Options) -> None:
     session, source = EditorSession(), find_sample_scene()
     scene = options.out / "street"
     (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
+    add_photos(scene, 1)
     drawn = record_texts()
     with open_virtual_display(pixels):
         window = EditorWindow(session, WindowOptions(options.size, None, False, options.scale, options.language))
         tour = Tour(window, options, scene)
         window.run(lambda _: tour.play())
-    (options.out / "texts.json").write_text(json.dumps(sorted(drawn), ensure_ascii=False), encoding="utf-8")
+    texts = [text for text in sorted(drawn) if not _is_cut_name(text, session)]
+    (options.out / "texts.json").write_text(json.dumps(texts, ensure_ascii=False), encoding="utf-8")
     (options.out / "looks.json").write_text(json.dumps(tour.states), encoding="utf-8")
 
 

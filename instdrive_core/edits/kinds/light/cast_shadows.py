@@ -15,6 +15,7 @@ from instdrive_core.edits.holes.shade import SceneLight
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteRows
 from instdrive_core.edits.kinds.driving.set_path import SetPath
+from instdrive_core.edits.kinds.fill_hole import FillHole
 from instdrive_core.edits.kinds.light.lay_shadow import LayShadow, find_shadow_rows, make_lay_shadow
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
@@ -37,15 +38,15 @@ class Put:
 
 
 def find_put(edit: Edit) -> Put:
-    """Find what a done edit has moved, copied, inserted, or given another way; nothing for other edits, and for those
-    that lay a shadow themselves."""
+    """Find what a done edit has moved, copied, inserted, or given another way; nothing for other edits, for fills, and
+    for those that lay a shadow themselves."""
     if isinstance(edit, CompoundEdit):
         parts = [find_put(part) for part in edit.edits]
         if any(isinstance(part, LayShadow) for part in edit.edits):
             return Put((), frozenset())
         ids = tuple(dict.fromkeys(number for part in parts for number in part.ids))
         return Put(ids, frozenset().union(*(part.added for part in parts)))
-    if isinstance(edit, AppendEdit) and not isinstance(edit, LayShadow):
+    if isinstance(edit, AppendEdit) and not isinstance(edit, (LayShadow, FillHole)):
         return Put(edit.added_ids, frozenset(edit.added_ids))
     if isinstance(edit, (MoveInstances, ResetMoves)):
         return Put(tuple(edit.ids), frozenset())

@@ -3,8 +3,9 @@
 import json
 from dataclasses import replace
 
+import psutil
 import pytest
-from window_driver import PATIENCE, editor_window
+from window_driver import PATIENCE, WindowDriver, editor_display, editor_window
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.synthetic.config import StreetConfig
@@ -51,7 +52,9 @@ def test_an_edited_scene_trains_on_and_opens_with_edits_made_before_and_meanwhil
         select_something(window)
         window.key("h")
         window.wait_for_edit("Hide")
-        window.click_widget("training.Go on")
+        kill_job(made)
+        window.wait_for_widget("training.status.interrupted")
+        window.click_widget("training.Resume")
         window.wait_for(
             lambda state: any("Opened better.instdrive" in text for text in state["messages"]), "its end", 3 * PATIENCE
         )
@@ -69,6 +72,57 @@ def test_an_edited_scene_trains_on_and_opens_with_edits_made_before_and_meanwhil
         "DeleteInstances",
         "HideInstances",
     ]
+
+
+@pytest.mark.gui
+def test_a_job_goes_on_where_editor_and_job_were_killed(run, tmp_path):
+    made = tmp_path / "better"
+    with editor_display():
+        window = start(run, tmp_path, "first")
+        try:
+            select_something(window)
+            window.key("Delete")
+            window.wait_for_edit("Delete")
+            window.click_widget("menu File")
+            window.click_widget("menu file.improve")
+            enter(window, "improve.minutes", LONG_ENOUGH)
+            enter(window, "improve.out", str(made))
+            window.click_widget("dialog.accept")
+            window.wait_for_widget("training.status.running")
+            window.click_widget("training.Pause")
+            window.wait_for_widget("training.status.paused")
+            window.kill()
+            kill_job(made)
+        finally:
+            window.close()
+        window = start(run, tmp_path, "second")
+        try:
+            window.click_widget("question.Go on")
+            window.click_widget("recovery.0.recover")
+            window.wait_for_edit("Delete")
+            window.click_widget("question.Don't save")  # once it is done, before the improved scene takes its place
+            window.wait_for_message("Opened better.instdrive")
+            window.wait_until_open()
+            assert [title.split()[0] for title in window.state["history"] if "elect" not in title] == ["Delete"]
+            assert window.quit() == 0
+        finally:
+            window.close()
+
+
+def start(path, folder, name):
+    """An editor that shares what editors remember with the others of the test."""
+    (folder / name).mkdir()
+    driver = WindowDriver(path, folder / name, state=folder / "state")
+    driver.wait_until_open()
+    return driver
+
+
+def kill_job(run):
+    """End the job's process as a crash would."""
+    processes = [process for process in psutil.process_iter(["cmdline"]) if str(run) in (process.info["cmdline"] or ())]
+    assert processes
+    for process in processes:
+        process.kill()
 
 
 def enter(window, field, text):
