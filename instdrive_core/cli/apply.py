@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from instdrive_core.cli.arguments import check_known_ids, choose_time, find_default_time, parse_assignment, parse_color
+from instdrive_core.cli.arguments import (
+    check_known_ids,
+    choose_time,
+    find_default_time,
+    find_first_camera,
+    parse_assignment,
+    parse_color,
+)
 from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.driving.path_options import PathOptions
 from instdrive_core.cli.edit_options import EditOptions
@@ -111,7 +119,11 @@ def apply(
     if time is None and document.scene.actors and not fmt.keeps_tracks:
         time = find_default_time(document.scene)
         print(f"moving objects are placed where they are at {time:g} s (--time)")
-    result = bake_document(document, time) if rows is None else bake_part(document, rows, time)
+    if rows is None:
+        start = None if sibr else find_first_camera(document.scene, time)
+        result = replace(bake_document(document, time), start=start)
+    else:
+        result = bake_part(document, rows, time)
     save_scene(out, result, sibr=sibr)
     parts.write(document, shown, fmt.suffix, sibr)
     exchange.write(document)

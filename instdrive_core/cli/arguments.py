@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 from instdrive_core.errors import OptionError
 from instdrive_core.instances.table import InstanceTable
-from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.scene import Scene
 
 NEAR = 5
@@ -72,6 +72,17 @@ def find_default_time(scene: Scene) -> float:
     if scene.views:
         return min(view.time for view in scene.views)
     return min((float(actor.times[0]) for actor in scene.actors), default=0.0)
+
+
+def find_first_camera(scene: Scene, time: float | None) -> Camera | None:
+    """The camera with which an exported file opens: of the first photo taken at the time, else at the nearest one.
+
+    Without photos it is that with which the scene itself was opened, which may be none.
+    """
+    if not scene.views:
+        return scene.start
+    moment = find_default_time(scene) if time is None else time
+    return min(scene.views, key=lambda view: abs(view.time - moment)).camera
 
 
 def choose_time(scene: Scene, time: float | None) -> float:

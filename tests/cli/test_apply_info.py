@@ -57,6 +57,17 @@ def test_a_ply_of_moving_objects_says_which_moment_it_holds(run, tmp_path, capsy
     assert {instance.id for instance in open_scene(tmp_path / "a.ply").table} == {1, 2, 3, 4, 5, 6, 7}
 
 
+def test_a_ply_opens_with_the_sky_and_the_camera_of_that_moment(run, tmp_path):
+    for options, moment in (((), 0.0), (("--time", "0.3"), 0.3)):
+        assert main(["apply", str(run), *options, "-o", str(tmp_path / "a.ply")]) == 0
+        written, scene = open_scene(tmp_path / "a.ply"), random_scene()
+        nearest = min(scene.views, key=lambda view: abs(view.time - moment)).camera
+        np.testing.assert_allclose(written.start.world_from_camera, nearest.world_from_camera, atol=1e-6)
+        assert written.sky is not None
+    assert main(["apply", str(run), "--sibr", "-o", str(tmp_path / "b.ply")]) == 0
+    assert open_scene(tmp_path / "b.ply").start is None
+
+
 def test_edits_from_a_file(run, tmp_path):
     log = tmp_path / "edits.jsonl"
     entries = [
