@@ -8,9 +8,10 @@ top of another one, or drawn in English although the window speaks another langu
 from __future__ import annotations
 
 import json
-import os
+import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -21,6 +22,8 @@ import tyro
 from tyro.conf import Positional
 
 from benchmarks.catalogue import read_catalogue
+from benchmarks.sample_photos import add_photos
+from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.language.languages import ENGLISH
 
 ROOT = Path(__file__).parents[1]
@@ -63,14 +66,12 @@ def visit(
     command = [sys.executable, str(TOUR), str(out), "--size", *map(str, size), "--scale", str(scale), "--theme", theme]
     command += ["--language", language, *(["--pictures"] if pictures else [])]
     command += [word for state in only for word in ("--only", state)]
-    done = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        scene, source = Path(folder) / "street", find_sample_scene()
+        shutil.copytree(source, scene)
+        add_photos(scene, 1)
+        command += ["--scene", str(scene)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     if done.returncode:
         raise RuntimeError(done.stderr)
     return json.loads((out / "looks.json").read_text(encoding="utf-8"))

@@ -1,7 +1,7 @@
 """A tour through the editor's states in a window of a given size: where every widget is, and pictures of them.
 
-``python tests/support/window/look_tour.py OUT --size 1280 720 --scale 2 --pictures`` writes OUT/looks.json,
-OUT/texts.json with all that was drawn, and a PNG per state. PYTHONPATH must name the repository.
+``python tests/support/window/look_tour.py OUT --scene SCENE --size 1280 720 --pictures`` writes OUT/looks.json,
+OUT/texts.json with all that was drawn, and a PNG per state.
 """
 
 import json
@@ -20,9 +20,7 @@ from imgui_bundle import imgui
 from PIL import Image
 from tyro.conf import Positional
 
-from benchmarks.sample_photos import add_photos
 from instdrive_app.camera import orbit
-from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.panels.registry import PANELS
 from instdrive_app.preferences.themes import DEFAULT_THEME
 from instdrive_app.session.editor_session import EditorSession
@@ -45,6 +43,8 @@ class Options:
     """Where to write, and in what window to look."""
 
     out: Positional[Path]
+    scene: Path
+    """Scene with at least one photo; what the tour edits is a copy of it."""
     size: tuple[int, int] = (1280, 720)
     scale: float = 1.0
     theme: str = DEFAULT_THEME
@@ -322,10 +322,9 @@ def main(options: Options) -> None:
     options.out.mkdir(parents=True)
     os.environ["INSTDRIVE_STATE"] = str(options.out / "state")
     pixels = (round(options.size[0] * options.scale), round(options.size[1] * options.scale))
-    session, source = EditorSession(), find_sample_scene()
+    session, source = EditorSession(), options.scene
     scene = options.out / "street"
     (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
-    add_photos(scene, 1)
     drawn = record_texts()
     with open_virtual_display(pixels):
         window = EditorWindow(session, WindowOptions(options.size, None, False, options.scale, options.language))
