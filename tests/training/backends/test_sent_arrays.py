@@ -53,7 +53,7 @@ def test_the_longest_unused_leaves_first_and_nothing_exceeds_the_budget() -> Non
 
 
 def test_steps_send_each_photo_once_where_the_memory_suffices() -> None:
-    """Four photos with their skies; the losses are the same as where each step sends its own."""
+    """Four photos with their skies and what is solid; the losses are the same as where each step sends its own."""
     config = tiny_config()
     config = replace(config, geometry=replace(config.geometry, iterations=8, coarse_iterations=0))
     losses, counts = [], []
@@ -66,4 +66,4 @@ def test_steps_send_each_photo_once_where_the_memory_suffices() -> None:
         losses.append(trainer.read_losses().terms)
         counts.append(backend.photos.sent_count)
     assert losses[0] == losses[1]
-    assert counts == [8, 16]
+    assert counts == [12, 24]
