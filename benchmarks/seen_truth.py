@@ -90,8 +90,7 @@ def _hit(
 
 def _reaches(rays: RayScene, camera: Camera, points: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
     """Whether points are in a picture, with nothing before them."""
-    pixels, depths = camera.project(points)
-    framed = (depths > 0.1) & ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+    framed = camera.contains(*camera.project(points), 0.1)
     rows = np.flatnonzero(framed)
     if not len(rows):
         return framed

@@ -67,8 +67,8 @@ def visit(
     command += ["--language", language, *(["--pictures"] if pictures else [])]
     command += [word for state in only for word in ("--only", state)]
     with tempfile.TemporaryDirectory() as folder:
-        scene, source = Path(folder) / "street", find_sample_scene()
-        shutil.copytree(source, scene)
+        scene = Path(folder) / "street"
+        shutil.copytree(find_sample_scene(), scene)
         add_photos(scene, 1)
         command += ["--scene", str(scene)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.scene.camera import Camera
+from instdrive_core.scene.camera import Camera, build_edge_normals
 
 EDGE_PIXELS = 16.0
 """Pixels around the picture that count as seen: faint splats and dots reach so far at least."""
@@ -29,30 +29,21 @@ class ViewCone:
 
     def covers(self, camera: Camera) -> bool:
         """Whether all that a camera sees lies inside: its place and the rays through its picture's corners do."""
-        rays = _list_corner_rays(camera, EDGE_PIXELS)
+        rays = _list_corner_rays(camera)
         inside = self.normals @ (camera.position - self.apex) >= 0
         return bool(inside.all() and (rays @ self.normals.T >= 0).all())
 
 
 def widen_view(camera: Camera) -> ViewCone:
     """Make a cone that covers a camera, and what it sees after a small move."""
-    left, top, right, bottom = _find_slopes(camera, EDGE_PIXELS)
-    left, top, right, bottom = left - TURN, top - TURN, right + TURN, bottom + TURN
-    normals = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]], np.float64)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    left, top, right, bottom = camera.find_edge_slopes(EDGE_PIXELS)
+    normals = build_edge_normals(left - TURN, top - TURN, right + TURN, bottom + TURN)
     rotation = camera.world_from_camera[:3, :3]
     return ViewCone(camera.position - BACK * rotation[:, 2], normals @ rotation.T)
 
 
-def _find_slopes(camera: Camera, margin: float) -> tuple[float, float, float, float]:
-    """Slopes x / z and y / z of the picture's edges, so many pixels farther out: left, top, right, bottom."""
-    left, right = (-margin - camera.cx) / camera.fx, (camera.width + margin - camera.cx) / camera.fx
-    top, bottom = (-margin - camera.cy) / camera.fy, (camera.height + margin - camera.cy) / camera.fy
-    return left, top, right, bottom
-
-
-def _list_corner_rays(camera: Camera, margin: float) -> Float64[ndarray, "4 3"]:
-    """List the directions, in the world, of the picture's corners, so many pixels farther out."""
-    left, top, right, bottom = _find_slopes(camera, margin)
+def _list_corner_rays(camera: Camera) -> Float64[ndarray, "4 3"]:
+    """List the directions, in the world, of the picture's corners, `EDGE_PIXELS` farther out."""
+    left, top, right, bottom = camera.find_edge_slopes(EDGE_PIXELS)
     rays = np.array([[x, y, 1.0] for x in (left, right) for y in (top, bottom)])
     return rays @ camera.world_from_camera[:3, :3].T

@@ -160,9 +160,8 @@ class Navigation:
         if not len(means):
             return
         lens = self._state.viewpoint.lens
-        pixels, depths = self._state.viewpoint.fit_camera(lens.width, lens.height).project(means)
-        inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < (lens.width, lens.height)).all(axis=1)
-        if inside.mean() < LEAST_IN_VIEW:
+        seeing = self._state.viewpoint.fit_camera(lens.width, lens.height)
+        if seeing.contains(*seeing.project(means), 0.0).mean() < LEAST_IN_VIEW:
             self._frame_thing(ids, means)
 
     def _frame_thing(self, ids: tuple[int, ...], means: Float[ndarray, "n 3"]) -> None:

@@ -59,9 +59,9 @@ def parse_ego_change(text: str) -> EgoChange:
     """
     name, _, file = text.strip().partition("=")
     if name == "path" and file:
-        return EgoChange("path", 0.0, drawn=read_way_file(file))
+        return EgoChange("path", 0.0, drawn=read_ego_way(file))
     if is_scenario(text.strip()):
-        return EgoChange("path", 0.0, drawn=read_way_file(text.strip()))
+        return EgoChange("path", 0.0, drawn=read_ego_way(text.strip()))
     number = r"([+-]?\d+(?:\.\d+)?)"
     found = re.fullmatch(rf"(shift|speed|stop)={number}|lane={number}@{number}(?:-{number})?", text.strip())
     if found is None:
@@ -77,7 +77,7 @@ def parse_ego_change(text: str) -> EgoChange:
     return change
 
 
-def read_way_file(name: str) -> DrawnWay:
+def read_ego_way(name: str) -> DrawnWay:
     """Read the way of the recording car: a file of keys, or an OpenSCENARIO file, with `#ENTITY` or without.
 
     An entity's reference point is driven by the camera with the most views. Raises DataError, and OptionError where it

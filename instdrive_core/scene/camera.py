@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Float64, Int
+from jaxtyping import Bool, Float, Float64, Int
 from numpy import ndarray
 
 
@@ -52,6 +52,22 @@ class Camera:
         """Return this view at `factor` times the resolution, rounded to whole pixels."""
         return self.resize(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
 
+    def crop(self, left: int, top: int, right: int, bottom: int) -> Camera:
+        """Return the camera of a part of this view, whose edges are given in pixels; right and bottom are outside."""
+        return replace(self, cx=self.cx - left, cy=self.cy - top, width=right - left, height=bottom - top)
+
+    def find_edge_slopes(self, margin: float) -> tuple[float, float, float, float]:
+        """Find x / z and y / z at the picture's left, top, right and bottom edge, `margin` pixels farther out."""
+        left, right = (-margin - self.cx) / self.fx, (self.width + margin - self.cx) / self.fx
+        top, bottom = (-margin - self.cy) / self.fy, (self.height + margin - self.cy) / self.fy
+        return left, top, right, bottom
+
+    def contains(
+        self, pixels: Float64[ndarray, "n 2"], depths: Float64[ndarray, " n"], nearest: float
+    ) -> Bool[ndarray, " n"]:
+        """Tell which projected points are in the picture and farther than `nearest` metres."""
+        return (depths > nearest) & ((pixels >= 0) & (pixels < [self.width, self.height])).all(axis=1)
+
     def project(self, points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "n 2"], Float64[ndarray, " n"]]:
         """Project world points to pixel coordinates and depths (z, metres); pixels of points at z ≤ 0 mean nothing."""
         matrix = self.camera_from_world
@@ -74,6 +90,12 @@ class Camera:
         local = np.stack([x, y, np.ones(len(pixels))], axis=-1)
         local /= np.linalg.norm(local, axis=-1, keepdims=True)
         return local @ self.world_from_camera[:3, :3].T
+
+
+def build_edge_normals(left: float, top: float, right: float, bottom: float) -> Float64[ndarray, "4 3"]:
+    """Build the unit inner normals, in camera axes, of the planes through a camera and a picture's edges, by slopes."""
+    normals = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]], np.float64)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def look_at(position: Float[ndarray, "3"], target: Float[ndarray, "3"]) -> Float64[ndarray, "4 4"]:

@@ -121,25 +121,23 @@ class RayCaster:
 
     def cast(self, rays: LidarRays) -> Returns:
         """Cast rays; groups that are near in place and time are cast together."""
-        return self._walk(rays, 0)[0]
+        return self._walk(rays, lists=False)[0]
 
     def list_met(self, rays: LidarRays) -> Met:
         """List all splats that rays meet up to a little behind where half the light is gone."""
-        return self._walk(rays, len(rays))[1]
+        return self._walk(rays, lists=True)[1]
 
-    def _walk(self, rays: LidarRays, listed: int) -> tuple[Returns, Met]:
-        """What rays return; and what they meet, if `listed` is their count instead of 0."""
-        returned, met = _make_returned(len(rays)), _make_met(listed)
+    def _walk(self, rays: LidarRays, lists: bool) -> tuple[Returns, Met]:
+        """What rays return, and what they meet where that `lists`; else nothing is listed."""
+        found = _make_room(len(rays), lists)
         write: Any = walk_rays
         for group, arguments in self._prepare_groups(rays):
-            of_group = _make_returned(len(group)), _make_met(len(group) if listed else 0)
-            write(*arguments, *of_group[0], *of_group[1])
-            for whole, part in zip(
-                (*returned, *met) if listed else returned, (*of_group[0], *of_group[1]), strict=False
-            ):
-                whole[group] = part
-        ranges, hits, opacities = returned
-        depths, weights, rows = met
+            of_group = _make_room(len(group), lists)
+            write(*arguments, *of_group)
+            for whole, part in zip(found, of_group, strict=True):
+                if len(whole):
+                    whole[group] = part
+        ranges, hits, opacities, depths, weights, rows = found
         return Returns(ranges, self._name_rows(hits), opacities), Met(depths, weights, self._name_rows(rows))
 
     def _name_rows(self, hits: Int32[ndarray, "*s"]) -> Int32[ndarray, "*s"]:
@@ -230,15 +228,20 @@ class RayCaster:
         placed.velocities[moved] = (after - places) / _STEP
 
 
-def _make_returned(count: int) -> tuple[Float32[ndarray, " r"], Int32[ndarray, " r"], Float32[ndarray, " r"]]:
-    """Room for ranges, hits and opacities, as they are of rays that meet nothing."""
-    return np.full(count, np.inf, np.float32), np.full(count, -1, np.int32), np.zeros(count, np.float32)
+def _make_room(count: int, lists: bool) -> tuple[ndarray, ...]:
+    """Room for what `walk_rays` writes of so many rays, as it is of rays that meet nothing.
 
-
-def _make_met(count: int) -> tuple[Float32[ndarray, "r h"], Float32[ndarray, "r h"], Int32[ndarray, "r h"]]:
-    """Room for depths, weights and rows of what rays meet, as they are where that is nothing."""
-    shape = count, HELD
-    return np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.full(shape, -1, np.int32)
+    Without `lists` the last three, which say what rays meet, are empty.
+    """
+    shape = count if lists else 0, HELD
+    return (
+        np.full(count, np.inf, np.float32),
+        np.full(count, -1, np.int32),
+        np.zeros(count, np.float32),
+        np.zeros(shape, np.float32),
+        np.zeros(shape, np.float32),
+        np.full(shape, -1, np.int32),
+    )
 
 
 def _sort_rows(keys: Integer[ndarray, " n"]) -> Int64[ndarray, " n"]:

@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
+from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, weigh_projected
 from instdrive_core.rasterize.kernels.layout import to_kernel_array
@@ -25,14 +26,10 @@ from instdrive_core.scene.transforms import copy_transformed
 
 MAX_LOOKS, MAX_WITNESSES = 10, 8
 """Photos that are asked: those that show most of the thing, and those that show most of what these did not reach."""
-APART = 2
-"""Time steps between photos of one camera."""
 MIN_PIXELS = 60
 """Pixels of a photo, at full size, that the thing must span to be looked at."""
 AROUND = 2.5
-"""Metres around the thing that are looked at …"""
-BORDER = 8
-"""… and pixels on top."""
+"""Metres around the thing that are looked at."""
 MAX_PIXELS = 8000
 """Pixels of that part; it is made smaller where it has more."""
 OWN_SHARE = 0.4
@@ -227,14 +224,7 @@ def _choose_views(views: Sequence[CameraView], points: Float64[ndarray, "k 3"]) 
         camera = _crop_camera(view.camera, points)
         if camera is not None:
             found.append((camera[1], view, camera[0]))
-    found.sort(key=lambda each: -each[0])
-    chosen: list[tuple[CameraView, Camera]] = []
-    for _, view, camera in found:
-        if all(view.name != other.name or abs(view.index - other.index) >= APART for other, _ in chosen):
-            chosen.append((view, camera))
-        if len(chosen) == MAX_LOOKS:
-            break
-    return chosen
+    return choose_apart(found, MAX_LOOKS)
 
 
 def _choose_witnesses(
@@ -245,34 +235,16 @@ def _choose_witnesses(
     taken = [view for view, _ in chosen]
     for view in views:
         pixels, depths = view.camera.project(points)
-        framed = (depths > 0.3) & ((pixels >= 0) & (pixels < [view.camera.width, view.camera.height])).all(axis=1)
+        framed = view.camera.contains(pixels, depths, NEAREST)
         if framed.sum() > max(0.05 * len(points), 3) and not any(view is other for other in taken):
-            part = _cut_camera(view.camera, pixels[framed])
-            found.append((int(framed.sum()), view, part))
-    found.sort(key=lambda each: -each[0])
-    witnesses: list[tuple[CameraView, Camera]] = []
-    for _, view, camera in found:
-        if all(view.name != other.name or abs(view.index - other.index) >= APART for other in taken):
-            witnesses.append((view, camera))
-            taken.append(view)
-        if len(witnesses) == MAX_WITNESSES:
-            break
-    return witnesses
-
-
-def _cut_camera(camera: Camera, pixels: Float64[ndarray, "k 2"]) -> Camera:
-    """The camera of the part of a photo around pixels, with at most `MAX_PIXELS`."""
-    x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - BORDER), 0).astype(int).tolist()
-    x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + BORDER), [camera.width, camera.height]).astype(int).tolist()
-    part = replace(camera, cx=camera.cx - x0, cy=camera.cy - y0, width=x1 - x0, height=y1 - y0)
-    return part.scale(min(1.0, float(np.sqrt(MAX_PIXELS / (part.width * part.height)))))
+            found.append((int(framed.sum()), view, cut_camera(view.camera, pixels[framed], MAX_PIXELS)))
+    return choose_apart(found, MAX_WITNESSES, taken)
 
 
 def _crop_camera(camera: Camera, points: Float64[ndarray, "k 3"]) -> tuple[Camera, float] | None:
     """The camera of the part of a photo around points, and how many pixels they span; None where it shows too few."""
     pixels, depths = camera.project(points)
-    size = np.array([camera.width, camera.height])
-    framed = (depths > 0.3) & ((pixels >= 0) & (pixels < size)).all(axis=1)
+    framed = camera.contains(pixels, depths, NEAREST)
     if np.count_nonzero(framed) < max(0.1 * len(points), 3):
         return None
     span = float(np.prod(np.ptp(pixels[framed], axis=0)))
@@ -280,5 +252,5 @@ def _crop_camera(camera: Camera, points: Float64[ndarray, "k 3"]) -> tuple[Camer
         return None
     steps = AROUND * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     around, away = camera.project((points[:: 1 + len(points) // 1000, None] + steps).reshape(-1, 3))
-    pixels = np.concatenate([pixels[framed], np.clip(around[away > 0.3], 0, size)])
-    return _cut_camera(camera, pixels), span
+    around = np.clip(around[away > NEAREST], 0, [camera.width, camera.height])
+    return cut_camera(camera, np.concatenate([pixels[framed], around]), MAX_PIXELS), span

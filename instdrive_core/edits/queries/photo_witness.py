@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
+from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings
 from instdrive_core.rasterize.preview import render_preview
@@ -19,14 +20,10 @@ from instdrive_core.scene.scene import Scene, place_in_world
 
 MOST_LOOKS = 8
 """Photos that are asked: those that show most of the thing."""
-_APART = 2
-"""Time steps between photos of one camera."""
 _LEAST_PIXELS = 300
 """Pixels of a photo that the thing must span to be looked at."""
 _MOST_PIXELS = 12_000
 """Pixels of the part of a photo around the thing; it is made smaller where it has more."""
-_BORDER = 8
-"""Pixels around the thing."""
 _NEAR = 0.15
 """Metres along the viewing axis within which a place lies on what is seen there."""
 _ASLANT, _MOST_SLACK = 2.0, 0.4
@@ -68,8 +65,7 @@ class PhotoWitness:
         counts = np.zeros(len(points), np.int64)
         for look in self.looks:
             pixels, depths = look.camera.project(points)
-            size = np.array([look.camera.width, look.camera.height])
-            framed = np.flatnonzero((depths > 0.3) & ((pixels >= 0) & (pixels < size)).all(axis=1))
+            framed = np.flatnonzero(look.camera.contains(pixels, depths, NEAREST))
             columns, rows = np.floor(pixels[framed]).astype(int).T
             ahead = depths[framed] - look.depth[rows, columns]
             counts[framed] += holds(ahead, look.slack[rows, columns], look.is_thing[rows, columns])
@@ -91,12 +87,11 @@ def ask_photos(document: Document, number: int, rows: Int64[ndarray, " k"]) -> P
         trained &= scene.extra[SYNTHETIC] == 0
     own = scene.instance_ids == number
     looks = []
-    for view in _choose_views(photographed, points, node):
+    for view, camera in _choose_views(photographed, points, node):
         poses, present = photographed.find_node_poses(view.time)
         gaussians = scene.gaussians
         means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
         opacities = np.where(trained & present[scene.nodes], sigmoid(gaussians.opacity_logits), np.float32(0))
-        camera = _cut_camera(view.camera, _place(points, poses[node]))
         nothing = np.zeros((len(scene), 3), np.float32)
         shown = render_preview(
             means, quats, gaussians.log_scales, opacities, nothing, camera, choose_raster_settings(scene)
@@ -119,34 +114,19 @@ def _place(points: Float64[ndarray, "n 3"], pose: Float64[ndarray, "4 4"]) -> Fl
     return points @ pose[:3, :3].T + pose[:3, 3]
 
 
-def _choose_views(photographed: Scene, points: Float64[ndarray, "k 3"], node: int) -> list[CameraView]:
-    """Views in which the points span most pixels."""
-    views = photographed.views
-    found: list[tuple[float, int]] = []
-    for place, view in enumerate(views):
+def _choose_views(photographed: Scene, points: Float64[ndarray, "k 3"], node: int) -> list[tuple[CameraView, Camera]]:
+    """Views in which the points span most pixels, and the cameras of the parts that do."""
+    found = []
+    for view in photographed.views:
         poses, present = photographed.find_node_poses(view.time)
         if not present[node]:
             continue
         pixels, depths = view.camera.project(_place(points, poses[node]))
-        size = np.array([view.camera.width, view.camera.height])
-        framed = (depths > 0.3) & ((pixels >= 0) & (pixels < size)).all(axis=1)
-        if np.count_nonzero(framed) >= max(0.1 * len(points), 3):
-            found.append((float(np.prod(np.ptp(pixels[framed], axis=0))), place))
-    chosen: list[CameraView] = []
-    for span, place in sorted(found, key=lambda each: (-each[0], each[1])):
-        view = views[place]
-        if span < _LEAST_PIXELS or len(chosen) == MOST_LOOKS:
-            break
-        if all(view.name != other.name or abs(view.index - other.index) >= _APART for other in chosen):
-            chosen.append(view)
-    return chosen
-
-
-def _cut_camera(camera: Camera, points: Float64[ndarray, "k 3"]) -> Camera:
-    """The camera of the part of a photo around points."""
-    pixels, depths = camera.project(points)
-    pixels = np.clip(pixels[depths > 0.3], 0, [camera.width, camera.height])
-    x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - _BORDER), 0).astype(int).tolist()
-    x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + _BORDER), [camera.width, camera.height]).astype(int).tolist()
-    part = replace(camera, cx=camera.cx - x0, cy=camera.cy - y0, width=x1 - x0, height=y1 - y0)
-    return part.scale(min(1.0, float(np.sqrt(_MOST_PIXELS / (part.width * part.height)))))
+        framed = view.camera.contains(pixels, depths, NEAREST)
+        if np.count_nonzero(framed) < max(0.1 * len(points), 3):
+            continue
+        span = float(np.prod(np.ptp(pixels[framed], axis=0)))
+        if span >= _LEAST_PIXELS:
+            shown = np.clip(pixels[depths > NEAREST], 0, [view.camera.width, view.camera.height])
+            found.append((span, view, cut_camera(view.camera, shown, _MOST_PIXELS)))
+    return choose_apart(found, MOST_LOOKS)

@@ -71,7 +71,7 @@ def is_in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool
     for frame in frames:
         camera = frame.view.camera
         pixels, depths = camera.project(points)
-        inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+        inside = camera.contains(pixels, depths, 0.0)
         if frame.valid is not None:
             columns, rows = np.floor(pixels[inside]).astype(np.int64).T
             inside[inside] = frame.valid[rows, columns]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, UInt32
@@ -67,7 +67,7 @@ def _draw_silhouette(
     if bounds is None:
         return None
     left, top, right, bottom = bounds
-    crop = replace(camera, cx=camera.cx - left, cy=camera.cy - top, width=right - left, height=bottom - top)
+    crop = camera.crop(left, top, right, bottom)
     points = (model @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32)
     _, depths = draw_points(points, np.full(len(points), number, np.uint32), crop, POINT_SIZE)
     drawn = np.isfinite(depths)

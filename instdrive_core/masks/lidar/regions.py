@@ -6,8 +6,6 @@ the borders and the pixels between points.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, Integer, UInt8, UInt32
 from numpy import ndarray
@@ -83,7 +81,7 @@ def _draw_silhouette(
     right, bottom = np.minimum(np.ceil(pixels.max(axis=0) + margin), size).astype(int).tolist()
     if right <= left or bottom <= top:
         return None
-    part = replace(camera, cx=camera.cx - left, cy=camera.cy - top, width=right - left, height=bottom - top)
+    part = camera.crop(left, top, right, bottom)
     _, depths = draw_points(points, np.ones(len(points), np.uint32), part, POINT_SIZE)
     drawn = np.isfinite(depths)
     if not drawn.any():

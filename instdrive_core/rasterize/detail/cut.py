@@ -13,7 +13,7 @@ from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.detail.fit import NodeState
 from instdrive_core.rasterize.detail.tree import BLOCK, LEVELS
 from instdrive_core.rasterize.kernels.project import camera_to_row
-from instdrive_core.scene.camera import Camera
+from instdrive_core.scene.camera import Camera, build_edge_normals
 
 _MARGIN = 2.0
 """Pixels by which the low-pass filter lets even a point reach into the picture."""
@@ -37,21 +37,17 @@ def choose_cut(state: NodeState, camera: Camera, tolerance: float, near: float, 
     blocks = tree.block_count
     listed = workspace.get_array("cut", (blocks, BLOCK), np.int32)
     counts = np.zeros((blocks, 2), np.int64)
-    view = (camera_to_row(camera), _compute_planes(camera), np.float32(near))
+    view = (
+        camera_to_row(camera),
+        build_edge_normals(*camera.find_edge_slopes(_MARGIN)).astype(np.float32),
+        np.float32(near),
+    )
     nodes = (state.spheres, state.rows, state.spreads)
     _choose(view, np.float32(tolerance), (tree.order, tree.starts), nodes, listed, counts)
     ends = np.cumsum(counts, axis=0)
     cut = Cut(np.empty(ends[-1, 0] if blocks else 0, np.int32), np.empty(ends[-1, 1] if blocks else 0, np.int32))
     _collect(listed, counts, ends - counts, cut.splats, cut.nodes)
     return cut
-
-
-def _compute_planes(camera: Camera) -> ndarray:
-    """Inner normals (4, 3), in camera axes, of the planes through the camera and just outside the picture's edges."""
-    left, right = (-_MARGIN - camera.cx) / camera.fx, (camera.width + _MARGIN - camera.cx) / camera.fx
-    top, bottom = (-_MARGIN - camera.cy) / camera.fy, (camera.height + _MARGIN - camera.cy) / camera.fy
-    planes = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
-    return (planes / np.linalg.norm(planes, axis=1, keepdims=True)).astype(np.float32)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "afn"})

@@ -4,7 +4,7 @@ import time
 
 import pytest
 from procedural_street import FIRST_CAR
-from window_driver import PATIENCE, WindowDriver, editor_display
+from window_driver import PATIENCE, editor_display, start_editor
 
 from instdrive_core.project.open import open_document
 from instdrive_core.project.session_folder import JOURNAL
@@ -20,12 +20,8 @@ def open_window(tmp_path):
     drivers = []
 
     def start(path):
-        folder = tmp_path / f"editor{len(drivers)}"
-        folder.mkdir()
-        driver = WindowDriver(path, folder, state=tmp_path / "state")
-        drivers.append(driver)
-        driver.wait_until_open()
-        return driver
+        drivers.append(start_editor(path, tmp_path, f"editor{len(drivers)}"))
+        return drivers[-1]
 
     with editor_display():
         try:

@@ -44,7 +44,7 @@ class Options:
 
     out: Positional[Path]
     scene: Path
-    """Scene with at least one photo; what the tour edits is a copy of it."""
+    """Scene with at least one photo, which nobody else uses."""
     size: tuple[int, int] = (1280, 720)
     scale: float = 1.0
     theme: str = DEFAULT_THEME
@@ -57,8 +57,8 @@ class Options:
 class Tour:
     """Visits the states one by one; each leaves the window as it was."""
 
-    def __init__(self, window: EditorWindow, options: Options, scene: Path) -> None:
-        self._window, self._session, self._options, self._scene = window, window.session, options, scene
+    def __init__(self, window: EditorWindow, options: Options) -> None:
+        self._window, self._session, self._options, self._scene = window, window.session, options, options.scene
         self.states: dict[str, dict] = {}
 
     def play(self) -> Iterator[None]:
@@ -322,13 +322,10 @@ def main(options: Options) -> None:
     options.out.mkdir(parents=True)
     os.environ["INSTDRIVE_STATE"] = str(options.out / "state")
     pixels = (round(options.size[0] * options.scale), round(options.size[1] * options.scale))
-    session, source = EditorSession(), options.scene
-    scene = options.out / "street"
-    (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
-    drawn = record_texts()
+    session, drawn = EditorSession(), record_texts()
     with open_virtual_display(pixels):
         window = EditorWindow(session, WindowOptions(options.size, None, False, options.scale, options.language))
-        tour = Tour(window, options, scene)
+        tour = Tour(window, options)
         window.run(lambda _: tour.play())
     texts = [text for text in sorted(drawn) if not _is_cut_name(text, session)]
     (options.out / "texts.json").write_text(json.dumps(texts, ensure_ascii=False), encoding="utf-8")

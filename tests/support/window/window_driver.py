@@ -75,6 +75,18 @@ def editor_window(scene, folder, opens=True, **options):
             driver.close()
 
 
+def start_editor(scene, folder, name):
+    """An editor on the present display that shares what editors remember with the others of a test's folder."""
+    (folder / name).mkdir()
+    driver = WindowDriver(scene, folder / name, state=folder / "state")
+    try:
+        driver.wait_until_open()
+    except BaseException:
+        driver.close()
+        raise
+    return driver
+
+
 class WindowDriver:
     """One running editor on the present display."""
 

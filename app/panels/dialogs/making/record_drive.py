@@ -27,7 +27,7 @@ from instdrive_app.session.requests import AskRecord, ShowPanel
 from instdrive_core.errors import InstDriveError, OptionError
 from instdrive_core.formats.objects.scenario_ways import split_entity
 from instdrive_core.recording.depth_files import check_depth_format
-from instdrive_core.recording.ego_path import drive_drawn_way, find_ego_way, parse_ego_change, read_way_file
+from instdrive_core.recording.ego_path import drive_drawn_way, find_ego_way, parse_ego_change, read_ego_way
 from instdrive_core.recording.plan import LARGEST, LEAST_WIDTH
 from instdrive_core.recording.shutter import LONGEST
 from instdrive_core.recording.videos import check_video_request
@@ -51,6 +51,8 @@ VIDEOS = (("", "No videos"), ("mp4", "Videos as MP4"), ("webm", "Videos as WebM"
 LIDARS = {"": "The clip's own", NONE: "None", **{name: name for name in SENSORS}}
 """Sensors whose sweeps are recorded, and what the user reads for them."""
 _ROW = 4
+_UNREAD = (("", 0, 0), "")
+"""State of the file of a way before one was read."""
 
 
 class RecordDialog:
@@ -58,13 +60,13 @@ class RecordDialog:
 
     def __init__(self) -> None:
         self._folder, self._choice = "", RecordChoice()
-        self._read: tuple[tuple[str, int, int], str] = (("", 0, 0), "")
+        self._read = _UNREAD
         """State of the file of a way that was read last, and why it cannot be driven."""
 
     def open(self, ui: Ui, request: AskRecord) -> None:
         """Open it with the last choice."""
         self._folder, self._choice = str(ui.session.recorder.propose_folder()), ui.session.recorder.choice
-        self._read = (("", 0, 0), "")
+        self._read = _UNREAD
         imgui.open_popup(make_label(TITLE))
 
     def draw(self, ui: Ui) -> None:
@@ -249,7 +251,7 @@ class RecordDialog:
         key = (name, stamp.st_mtime_ns, stamp.st_size)
         if self._read[0] != key:
             try:
-                drawn = read_way_file(name).place_in_scene(document.scene.origin)
+                drawn = read_ego_way(name).place_in_scene(document.scene.origin)
                 drive_drawn_way(find_ego_way(document.scene.views), drawn)
                 self._read = key, ""
             except InstDriveError as error:

@@ -111,7 +111,7 @@ class CompleteInstance(GrowInstance):
 
     @property
     def plane(self) -> Symmetry:
-        """The plane."""
+        """The plane across which is mirrored."""
         return Symmetry(self.place, self.heading, 1.0)
 
     def measure_sides(self, document: Document, rows: Int64[ndarray, " k"]) -> Float64[ndarray, " k"]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import psutil
 import pytest
-from window_driver import PATIENCE, WindowDriver, editor_display, editor_window
+from window_driver import PATIENCE, editor_display, editor_window, start_editor
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.synthetic.config import StreetConfig
@@ -38,17 +38,7 @@ def run(tmp_path_factory):
 def test_an_edited_scene_trains_on_and_opens_with_edits_made_before_and_meanwhile(run, tmp_path):
     made = tmp_path / "better"
     with editor_window(run, tmp_path) as window:
-        select_something(window)
-        window.key("Delete")
-        window.wait_for_edit("Delete")
-        window.click_widget("menu File")
-        window.click_widget("menu file.improve")
-        enter(window, "improve.minutes", LONG_ENOUGH)
-        enter(window, "improve.out", str(made))
-        window.click_widget("dialog.accept")
-        window.wait_for_widget("training.status.running")
-        window.click_widget("training.Pause")
-        window.wait_for_widget("training.status.paused")
+        delete_improve_and_pause(window, made)
         select_something(window)
         window.key("h")
         window.wait_for_edit("Hide")
@@ -78,24 +68,14 @@ def test_an_edited_scene_trains_on_and_opens_with_edits_made_before_and_meanwhil
 def test_a_job_goes_on_where_editor_and_job_were_killed(run, tmp_path):
     made = tmp_path / "better"
     with editor_display():
-        window = start(run, tmp_path, "first")
+        window = start_editor(run, tmp_path, "first")
         try:
-            select_something(window)
-            window.key("Delete")
-            window.wait_for_edit("Delete")
-            window.click_widget("menu File")
-            window.click_widget("menu file.improve")
-            enter(window, "improve.minutes", LONG_ENOUGH)
-            enter(window, "improve.out", str(made))
-            window.click_widget("dialog.accept")
-            window.wait_for_widget("training.status.running")
-            window.click_widget("training.Pause")
-            window.wait_for_widget("training.status.paused")
+            delete_improve_and_pause(window, made)
             window.kill()
             kill_job(made)
         finally:
             window.close()
-        window = start(run, tmp_path, "second")
+        window = start_editor(run, tmp_path, "second")
         try:
             window.click_widget("question.Go on")
             window.click_widget("recovery.0.recover")
@@ -109,12 +89,19 @@ def test_a_job_goes_on_where_editor_and_job_were_killed(run, tmp_path):
             window.close()
 
 
-def start(path, folder, name):
-    """An editor that shares what editors remember with the others of the test."""
-    (folder / name).mkdir()
-    driver = WindowDriver(path, folder / name, state=folder / "state")
-    driver.wait_until_open()
-    return driver
+def delete_improve_and_pause(window, made):
+    """Delete something, have the scene improved, and press Pause meanwhile."""
+    select_something(window)
+    window.key("Delete")
+    window.wait_for_edit("Delete")
+    window.click_widget("menu File")
+    window.click_widget("menu file.improve")
+    enter(window, "improve.minutes", LONG_ENOUGH)
+    enter(window, "improve.out", str(made))
+    window.click_widget("dialog.accept")
+    window.wait_for_widget("training.status.running")
+    window.click_widget("training.Pause")
+    window.wait_for_widget("training.status.paused")
 
 
 def kill_job(run):

@@ -8,7 +8,7 @@ import pytest
 from parked_street import CAR, OTHER_CAR, WALL, parked_street
 from PIL import ImageGrab
 from procedural_street import DRIVING_CAR, FIRST_CAR, procedural_street
-from window_driver import PATIENCE, WindowDriver, editor_display, editor_window
+from window_driver import PATIENCE, editor_display, editor_window, start_editor
 
 from instdrive_app.framing import find_dense_core
 from instdrive_core.formats.registry import save_scene
@@ -125,17 +125,11 @@ def test_holes_wait_through_deletions_undo_moves_saving_and_a_crash(tmp_path):
     save_scene(tmp_path / "parked", parked_street().scene)
     project = tmp_path / "holes.instdrive"
 
-    def start(path, name):
-        (tmp_path / name).mkdir()
-        driver = WindowDriver(path, tmp_path / name, state=tmp_path / "state")
-        driver.wait_until_open()
-        return driver
-
     def wait_for_both(window):
         window.wait_for(lambda state: "deletion.fill_all" in state["widgets"], "two holes to wait", 120)
 
     with editor_display():
-        window = start(tmp_path / "parked", "first")
+        window = start_editor(tmp_path / "parked", tmp_path, "first")
         try:
             window.click_widget(f"instances.{CAR}")
             window.key("Delete")
@@ -157,7 +151,7 @@ def test_holes_wait_through_deletions_undo_moves_saving_and_a_crash(tmp_path):
             assert window.quit() == 0
         finally:
             window.close()
-        window = start(project, "second")
+        window = start_editor(project, tmp_path, "second")
         try:
             wait_for_both(window)
             window.click_widget(f"instances.{WALL}.eye")
@@ -166,7 +160,7 @@ def test_holes_wait_through_deletions_undo_moves_saving_and_a_crash(tmp_path):
             window.kill()
         finally:
             window.close()
-        window = start(tmp_path / "parked", "third")
+        window = start_editor(tmp_path / "parked", tmp_path, "third")
         try:
             window.click_widget("recovery.0.recover")
             wait_for_both(window)

@@ -1,0 +1,46 @@
+"""Photos that show most of something, no two of which are nearly the same, and the parts of them that do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.scene.camera import Camera, CameraView
+
+NEAREST = 0.3
+"""Metres from the camera from which on a photo shows something."""
+APART = 2
+"""Time steps between photos of one camera."""
+BORDER = 8
+"""Pixels around what a part is cut for."""
+
+
+def cut_camera(camera: Camera, pixels: Float64[ndarray, "k 2"], most_pixels: int) -> Camera:
+    """Cut the part of a photo around pixels; it is made smaller where it has more than `most_pixels`."""
+    x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - BORDER), 0).astype(int).tolist()
+    x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + BORDER), [camera.width, camera.height]).astype(int).tolist()
+    part = camera.crop(x0, y0, x1, y1)
+    return part.scale(min(1.0, float(np.sqrt(most_pixels / (part.width * part.height)))))
+
+
+def choose_apart(
+    found: Iterable[tuple[float, CameraView, Camera]], most: int, taken: Sequence[CameraView] = ()
+) -> list[tuple[CameraView, Camera]]:
+    """Choose up to `most` photos, those that show most first, each `APART` from the others and from those taken.
+
+    Args:
+        found: how much each photo shows, the photo, and the camera of the part that does.
+        taken: photos that were chosen before.
+    """
+    chosen: list[tuple[CameraView, Camera]] = []
+    known = list(taken)
+    for _, view, camera in sorted(found, key=lambda each: -each[0]):
+        if len(chosen) == most:
+            break
+        if all(view.name != other.name or abs(view.index - other.index) >= APART for other in known):
+            chosen.append((view, camera))
+            known.append(view)
+    return chosen
