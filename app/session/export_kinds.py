@@ -229,6 +229,8 @@ def _write_view(request: ExportRequest) -> str:
 
 
 def _write_film(request: ExportRequest) -> str:
+    if not request.path_keys:
+        raise OptionError(KINDS["film"].missing)
     if request.path.suffix.lower() == ".json":
         write_camera_path(request.path, request.path_keys)
         return phrase(

@@ -33,6 +33,7 @@ from instdrive_app.render.warm_up import warm_up
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import ReceiveDrop, Request, ShowPanel, do_nothing
 from instdrive_app.shell.display import DisplayError, has_display
+from instdrive_app.shell.even_frames import settle_memory, share_fairly
 from instdrive_app.shell.file_drops import accept_drops
 from instdrive_app.shell.report import Reporter
 from instdrive_app.shell.window_layout import (
@@ -203,7 +204,8 @@ class EditorWindow:
         tools = create_tools(self._session, lambda snapshot: view.renderer.read_rows(snapshot))
         self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
         self._drops = accept_drops(glfw_utils.glfw_window_hello_imgui(), self._take_drop)
-        Thread(target=warm_up, name="warm-up", daemon=True).start()
+        share_fairly()
+        Thread(target=_load_what_is_needed, name="warm-up", daemon=True).start()
         if self._options.report is not None:
             self._reporter = Reporter(self._options.report)
 
@@ -371,6 +373,11 @@ def _configure_imgui() -> None:
     # A press that comes with the mouse's move, as in long frames, waits for the next frame, as that of a finger does.
     # Otherwise it would go to what the mouse left: the picture below a button, or the row before.
     io.add_mouse_source_event(imgui.MouseSource.touch_screen)
+
+
+def _load_what_is_needed() -> None:
+    warm_up()
+    settle_memory()
 
 
 def _draw_without_padding(name: str, draw: Callable[[], None]) -> None:

@@ -61,6 +61,10 @@ class PhotoWitness:
         """Count the photos that would show something at points: on the thing's surface, or before all that is seen."""
         return self._count(points, lambda ahead, slack, own: ahead <= _NEAR)
 
+    def count_past(self, points: Float64[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
+        """Count the photos that look past points, at something behind: the thing does not reach there."""
+        return self._count(points, lambda ahead, slack, own: ahead < -(_NEAR + slack))
+
     def _count(self, points: Float64[ndarray, "n 3"], holds: _Test) -> Int64[ndarray, " n"]:
         counts = np.zeros(len(points), np.int64)
         for look in self.looks:

@@ -28,6 +28,7 @@ from instdrive_core.edits.kinds.labels.relabel_rows import RelabelRows
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.paint import PaintInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.kinds.shape.complete import CompleteInstance
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.edits.queries.placement import compute_center
 from instdrive_core.errors import DataError, EditError
@@ -98,6 +99,12 @@ class EditCarrier:
         if isinstance(edit, RelabelRows):
             parts = tuple(RowRuns.from_rows(self._origins.spread(make_runs(part).rows)) for part in edit.parts)
             return self._rename(edit.copy_undone(parts=parts))
+        if isinstance(edit, CompleteInstance):
+            names = ("kept", "known", "strays")
+            runs = {
+                name: RowRuns.from_rows(self._origins.spread(make_runs(getattr(edit, name)).rows)) for name in names
+            }
+            return self._rename(edit.copy_undone(**runs))
         if isinstance(edit, BorderEdit):
             rows = self._origins.spread(self._old.state.find_rows(Flag.SELECTED))
             return SelectRows(RowRuns.from_rows(rows)) if len(rows) else edit.copy_undone()

@@ -122,6 +122,42 @@ def test_a_car_that_was_seen_from_both_sides_is_left_alone():
         make_completion(document, CAR)
 
 
+@pytest.mark.parametrize("seen", [-1, 1])
+def test_strays_beside_a_car_do_not_say_which_side_was_seen(seen):
+    scene = half_seen_car(0, seen)
+    side = make_completion(Document(deepcopy(scene)), CAR).side
+    across = np.array([-np.sin(TURN), np.cos(TURN)])
+    rng = np.random.default_rng(4)
+    strays = rng.uniform(-0.5, 0.5, (150, 3)) + np.array([*(PLACE - 6 * seen * across), 1.0])
+    colors = np.concatenate([color_from_dc(scene.gaussians.sh_dc), np.tile([0.4, 0.4, 0.4], (150, 1))])
+    means = np.concatenate([scene.gaussians.means, strays])
+    document = Document(scene_of(rng, means, colors, np.full(len(means), CAR, np.uint32)))
+    assert make_completion(document, CAR).side == side
+
+
+def test_what_was_hidden_from_both_sides_is_closed_in_the_colours_around():
+    """The bonnet behind another car: nothing of it was seen, and the ground shows through."""
+    car = half_seen_car()
+    axes = np.array([[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]])
+    x, y = ((car.gaussians.means[:, :2] - PLACE) @ axes.T).T
+    hidden = (x > 0.8) & (x < 1.8) & (np.abs(y) < 0.7)
+    rng, left = np.random.default_rng(5), np.flatnonzero(~hidden)
+    means, colors = car.gaussians.means[left], color_from_dc(car.gaussians.sh_dc[left])
+    scene = scene_of(rng, means, colors, np.full(len(left), CAR, np.uint32))
+    bonnet = np.array([*(np.array([1.3, 0.0]) @ axes + PLACE), 1.2])
+    above = Camera(100, 100, 8, 8, 16, 16, look_at(bonnet + np.array([0.01, 0.0, 3.0]), bonnet))
+    assert view_scene(scene, above, 0.0).alpha.mean() < 0.5
+    document = Document(scene)
+    edit = make_completion(document, CAR)
+    document.apply(edit_from_json(edit.to_json()))
+    closed = view_scene(bake_document(document), above, 0.0)
+    assert closed.alpha.min() > 0.9
+    np.testing.assert_allclose(closed.color.mean(axis=(0, 1)), [0.7, 0.1, 0.1], atol=0.1)
+    document.undo()
+    document.apply(replace(edit, inset=0.0))  # as projects from before have it
+    assert view_scene(bake_document(document), above, 0.0).alpha.mean() < 0.5
+
+
 def test_what_is_lopsided_small_or_unknown_is_told(car):
     rng = np.random.default_rng(0)
     heap = rng.uniform(0, 1, (900, 3)) ** [1, 3, 2] * [4, 2, 1.5]
@@ -137,6 +173,8 @@ def test_what_is_lopsided_small_or_unknown_is_told(car):
         document.apply(CompleteInstance(CAR, (0.0, 90.0), 0.0, 1))
     with pytest.raises(EditError, match="side 0 is neither 1 nor -1"):
         CompleteInstance(CAR, side=0)
+    with pytest.raises(EditError, match=r"inset -0\.1 is below 0"):
+        CompleteInstance(CAR, inset=-0.1)
 
 
 def test_files_keep_all_of_it():

@@ -1,4 +1,5 @@
-"""Completing a thing of which one side was never seen: that side becomes the mirror image of the other one."""
+"""Completing a thing of which one side was never seen: that side becomes the mirror image of the other one, and what
+neither side shows is closed."""
 
 from __future__ import annotations
 
@@ -16,8 +17,10 @@ from instdrive_core.edits.bases.parameters import check_number, check_number_lis
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.row_runs import RowRuns, expand_runs, make_runs
 from instdrive_core.edits.document.synthetic_rows import MIRRORED, SYNTHETIC
+from instdrive_core.edits.queries.closed_body import find_body
 from instdrive_core.edits.queries.photo_witness import ask_photos
 from instdrive_core.edits.queries.placement import find_solid
+from instdrive_core.edits.queries.skin_splats import cover_skin
 from instdrive_core.edits.queries.symmetry import Symmetry, find_seen_side, find_symmetry
 from instdrive_core.errors import EditError
 from instdrive_core.instances.oriented_box import find_main_parts
@@ -25,7 +28,7 @@ from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import matrix_from_quaternion, quaternion_from_matrix
 from instdrive_core.maths.sh_rotation import rotate_rest
 from instdrive_core.maths.spherical_harmonics import color_from_dc
-from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.transforms import extract_scale
 from instdrive_core.wording import phrase
@@ -42,6 +45,14 @@ MOST_IN_SIGHT = 0.8
 """Share of the mirror image that photos may show to be seen already, or something else."""
 FEWEST = 200
 """Solid splats from which a thing shows whether it is symmetric."""
+INSET = 0.1
+"""Metres by which the closing skin lies inside: behind what was seen, which it would blur."""
+FAR_OUT = 0.1
+"""Metres outside of the body from which splats that no photo shows are strays."""
+
+
+_RUNS = ("kept", "known", "strays", "gaps")
+"""Parameters that are runs of numbers."""
 
 
 @dataclass
@@ -49,7 +60,8 @@ class CompleteInstance(GrowInstance):
     """Replace one side of a thing by the mirror image of its other side, marked by 3 in the column `synthetic`.
 
     Light and reflections are mirrored, too. The plane is given in the frame of the thing's node, as it stands now.
-    What photos show of that side stays, and nothing is mirrored to where they show something else.
+    What photos show of that side stays, and nothing is mirrored to where they show something else. Behind both sides
+    lies a closed skin in the colours around, so that nobody looks through what was seen from neither.
     """
 
     kind: ClassVar[str] = "complete_instance"
@@ -63,6 +75,12 @@ class CompleteInstance(GrowInstance):
     """Rows of the other side that photos show; they stay. Runs as pairs (first row, number of rows)."""
     known: RowRuns | Int[ndarray, "_"] | Sequence[object] = ()
     """Rows of the seen side whose mirror image photos would show; they have none."""
+    strays: RowRuns | Int[ndarray, "_"] | Sequence[object] = ()
+    """Rows outside of the body, of either side, that no photo shows; they are deleted."""
+    inset: float = 0.0
+    """Metres by which the skin lies inside of the body; 0: there is none."""
+    gaps: RowRuns | Int[ndarray, "_"] | Sequence[object] = ()
+    """Places of the skin, by number, before which photos see something behind; it is open there."""
 
     def __post_init__(self) -> None:
         if not is_whole(self.id) or self.id < 1:
@@ -71,14 +89,16 @@ class CompleteInstance(GrowInstance):
         self.place, self.heading = (x, y), check_number(self.heading, "heading")
         if self.side not in (1, -1):
             raise EditError(phrase("side {side} is neither 1 nor -1", side=self.side))
-        self.kept, self.known = make_runs(self.kept), make_runs(self.known)
+        self.inset = check_number(self.inset, "inset")
+        if self.inset < 0:
+            raise EditError(phrase("inset {inset} is below 0", inset=self.inset))
+        for name in _RUNS:
+            setattr(self, name, make_runs(getattr(self, name)))
 
     def to_json(self) -> dict[str, object]:
         """Kind and parameters, the rows as runs."""
         found = self.get_parameters()
-        for name, rows in (("kept", make_runs(self.kept)), ("known", make_runs(self.known))):
-            found[name] = rows.to_json()
-        return found
+        return found | {name: make_runs(getattr(self, name)).to_json() for name in _RUNS}
 
     @property
     def title(self) -> str:
@@ -88,26 +108,45 @@ class CompleteInstance(GrowInstance):
     def find_replaced(self, document: Document) -> Int64[ndarray, " k"]:
         """What is on the side that was not seen, floaters included."""
         rows = find_shown_body(document, self.id)
-        rows = rows[self.measure_sides(document, rows) < 0]
-        return np.setdiff1d(rows, expand_runs(make_runs(self.kept), len(document.scene)))
+        there = rows[self.measure_sides(document, rows) < 0]
+        there = np.setdiff1d(there, expand_runs(make_runs(self.kept), len(document.scene)))
+        return np.union1d(there, np.intersect1d(rows, expand_runs(make_runs(self.strays), len(document.scene))))
 
     def build_addition(self, document: Document) -> Addition:
-        """The mirror image of the side that was seen, without floaters. Raises EditError where there is none."""
+        """The mirror image of the side that was seen, without floaters, and the skin behind both sides.
+
+        Raises EditError where there is none.
+        """
         scene, entry = document.scene, document.scene.table[self.id]
-        rows = find_shown_body(document, self.id)
-        rows = rows[find_main_parts(document.compute_means(rows).astype(np.float64))]
+        body = np.setdiff1d(find_shown_body(document, self.id), expand_runs(make_runs(self.strays), len(scene)))
+        rows = body[find_main_parts(document.compute_means(body).astype(np.float64))]
         rows = rows[self.measure_sides(document, rows) > 0]
-        rows = np.setdiff1d(rows, expand_runs(make_runs(self.known), len(document.scene)))
+        rows = np.setdiff1d(rows, expand_runs(make_runs(self.known), len(scene)))
         if not len(rows):
             raise EditError(phrase("instance {id} has nothing on that side of the plane", id=self.id))
-        rows = rows[document.transforms.indices[rows] == find_main_entry(document, rows)]
-        move = document.transforms.matrices[find_main_entry(document, rows)]
+        place = find_main_entry(document, rows)
+        rows = rows[document.transforms.indices[rows] == place]
+        move = document.transforms.matrices[place]
         added = mirror_gaussians(scene.gaussians.select(rows), self.plane, move)
+        if self.inset:
+            kept = np.setdiff1d(body, self.find_replaced(document))
+            kept = kept[document.transforms.indices[kept] == place]
+            skin, nearest = self._close(concatenate_gaussians([scene.gaussians.select(kept), added]), move)
+            added = concatenate_gaussians([added, skin])
+            rows = np.concatenate([rows, np.concatenate([kept, rows])[nearest]])
         extra = {name: column[rows] for name, column in scene.extra.items()}
         extra[SYNTHETIC] = np.full(len(rows), MIRRORED, scene.extra[SYNTHETIC].dtype)
         ids, nodes = scene.instance_ids[rows], scene.nodes[rows]
         part = Scene(added, ids, scene.codewords[rows], nodes, actors=scene.actors, extra=extra)
         return Addition(part, document.colors.indices[rows], document.transforms.indices[rows], (entry,))
+
+    def _close(self, shown: Gaussians, move: Float64[ndarray, "3 4"]) -> tuple[Gaussians, Int64[ndarray, " k"]]:
+        """The skin within both sides as they are shown, and the shown splat nearest to each of it."""
+        points, chosen = _find_shell(shown, move)
+        skin = find_body(points, self.plane).build_skin(self.inset)
+        skin = skin.select(np.setdiff1d(np.arange(len(skin)), expand_runs(make_runs(self.gaps), len(skin))))
+        splats, nearest = cover_skin(skin, shown.select(chosen), points, move[:, :3])
+        return replace(splats, means=_put_back(skin.places, move).astype(np.float32)), chosen[nearest]
 
     @property
     def plane(self) -> Symmetry:
@@ -143,10 +182,10 @@ def make_completion(document: Document, number: int) -> CompleteInstance:
                 share=plane.agreement,
             )
         )
-    side = find_seen_side(plane, points)
+    side = find_seen_side(plane, points[find_main_parts(points)])
     if side == 0:
         raise EditError(phrase("both sides of {name} were seen: there is nothing to complete", name=entry.name))
-    return _ask_photos(document, CompleteInstance(number, plane.place, plane.heading, side), rows)
+    return _ask_photos(document, CompleteInstance(number, plane.place, plane.heading, side, inset=INSET), rows)
 
 
 def _ask_photos(document: Document, edit: CompleteInstance, solid: Int64[ndarray, " k"]) -> CompleteInstance:
@@ -167,8 +206,32 @@ def _ask_photos(document: Document, edit: CompleteInstance, solid: Int64[ndarray
         raise EditError(
             phrase("photos of {name} show that it is not symmetric across the plane that was found", name=name)
         )
-    is_kept = (beside < 0) & (witness.count_seen(gaussians.means[rows].astype(np.float64)) >= least)
-    return replace(edit, kept=rows[is_kept], known=rows[mirrored & in_sight])
+    seen = witness.count_seen(gaussians.means[rows].astype(np.float64))
+    body = find_body(_find_shell(gaussians.select(rows), move)[0], edit.plane)
+    is_stray = (seen == 0) & (body.measure_outside(document.compute_means(rows).astype(np.float64)) > FAR_OUT)
+    skin = _put_back(body.build_skin(edit.inset).places, move)
+    return replace(
+        edit,
+        kept=rows[(beside < 0) & (seen >= least)],
+        known=rows[mirrored & in_sight],
+        strays=rows[is_stray],
+        gaps=np.flatnonzero(witness.count_past(skin) >= least),
+    )
+
+
+def _find_shell(
+    gaussians: Gaussians, move: Float64[ndarray, "3 4"]
+) -> tuple[Float64[ndarray, "k 3"], Int64[ndarray, " k"]]:
+    """Where the solid splats stand that are no floaters, and which they are."""
+    chosen = np.flatnonzero(find_solid(sigmoid(gaussians.opacity_logits)) & np.isfinite(gaussians.means).all(axis=1))
+    points = gaussians.means[chosen].astype(np.float64) @ move[:, :3].T + move[:, 3]
+    main = find_main_parts(points)
+    return points[main], chosen[main]
+
+
+def _put_back(points: Float64[ndarray, "n 3"], move: Float64[ndarray, "3 4"]) -> Float64[ndarray, "n 3"]:
+    """Where points were that `move` ([s R | t]) has put where they are."""
+    return np.linalg.solve(move[:, :3], (points - move[:, 3]).T).T
 
 
 def mirror_gaussians(gaussians: Gaussians, plane: Symmetry, move: Float64[ndarray, "3 4"]) -> Gaussians:
@@ -178,7 +241,7 @@ def mirror_gaussians(gaussians: Gaussians, plane: Symmetry, move: Float64[ndarra
     normal = rotation.T @ np.array([*plane.normal, 0.0])
     flip = np.eye(3) - 2 * np.outer(normal, normal)
     moved = gaussians.means.astype(np.float64) @ move[:, :3].T + move[:, 3]
-    means = np.linalg.solve(move[:, :3], (plane.mirror(moved) - move[:, 3]).T).T
+    means = _put_back(plane.mirror(moved), move)
     # The reflected axes form a left-handed frame; turning one round leaves the ellipsoid as it is.
     turned = flip @ matrix_from_quaternion(gaussians.quats.astype(np.float64)) * np.array([-1.0, 1.0, 1.0])
     return replace(
