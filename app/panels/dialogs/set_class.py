@@ -20,9 +20,9 @@ class ClassDialog:
         self._text = ""
 
     def open(self, ui: Ui, request: AskClass) -> None:
-        """Open it with the present class, where there is one."""
+        """Open it with the present class, where there is one; not where an undo has taken the instances away."""
         document = ui.session.document
-        self._ids = request.ids
+        self._ids = () if document is None else tuple(i for i in request.ids if i in document.scene.table)
         if document is None or not self._ids:
             return
         classes = {document.scene.table[i].class_name for i in self._ids}

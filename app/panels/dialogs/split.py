@@ -28,7 +28,8 @@ class SplitDialog:
 
     def open(self, ui: Ui, request: AskSplit) -> None:
         """Open it for an instance of the document."""
-        if ui.session.document is None:
+        document = ui.session.document
+        if document is None or request.instance not in document.scene.table:
             return
         self._instance = request.instance
         self._preview(ui)

@@ -19,7 +19,7 @@ from instdrive_app.panels.widgets.ui import Rectangle
 from instdrive_app.pointer import Click
 from instdrive_app.render.picking import Picker
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import ReceiveDrop, ShowPanel
+from instdrive_app.session.requests import AskClass, AskName, AskSplit, ReceiveDrop, ShowPanel
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
@@ -29,6 +29,8 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.formats.registry import save_scene
 
 FRAMES = 3
+GONE = 999
+"""An instance that an undo has taken away meanwhile."""
 PLACE = Rectangle(300, 100, 400, 300)
 
 
@@ -67,6 +69,10 @@ def draw_everything(window, scene):
         while imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
             yield from press_escape()
     window.session.files.autosave.recoverable = []
+    for request in (AskClass((GONE,)), AskSplit(GONE), AskName(GONE)):
+        window._dialogs.open(window.ui, request)
+        yield from wait(FRAMES)
+        assert not imgui.is_popup_open("", imgui.PopupFlags_.any_popup), f"{request} opens, and there is no such one"
 
 
 def draw_in_window(title, drawn, ui, *place):

@@ -70,3 +70,11 @@ def test_a_path_without_keys_has_nothing_to_film(session):
     session.export.begin("film")
     assert session.export.amounts["film"] == ""
     assert not session.actions["path.film"].enabled()
+
+
+@pytest.mark.parametrize("name", ["film", "film.mp4", "film.json"])
+def test_without_keys_nothing_is_written(session, tmp_path, name):
+    said = export(session, tmp_path / name)
+    assert said.level is Level.ERROR
+    assert "no keys; add views to it with Shift+K" in said.text
+    assert not (tmp_path / name).exists()
