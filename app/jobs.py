@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any
 
+from instdrive_app.even_frames import stand_back
 from instdrive_app.memory import release_freed_memory
 from instdrive_app.messages import read_error, user_message
 from instdrive_core.errors import EditError, InstDriveError
@@ -57,7 +58,7 @@ class Jobs:
         """The reports get a text for the user; `wake` is called on the worker's thread when a job ends."""
         self._report_error, self._report_cancelled, self._wake = report_error, report_cancelled, wake
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="editor-job")
-        self._background_pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="editor-background")
+        self._background_pool = ThreadPoolExecutor(1, "editor-background", initializer=stand_back)
         self._jobs: list[Job] = []
         self._background_jobs: list[Job] = []
 

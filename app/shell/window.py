@@ -15,6 +15,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_app.actions import register_actions
+from instdrive_app.even_frames import settle_memory, share_fairly
 from instdrive_app.language.languages import ENGLISH, resolve_language
 from instdrive_app.language.translation import get_language, speak, translate
 from instdrive_app.panels.dialogs import DialogHost
@@ -33,7 +34,6 @@ from instdrive_app.render.warm_up import warm_up
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import ReceiveDrop, Request, ShowPanel, do_nothing
 from instdrive_app.shell.display import DisplayError, has_display
-from instdrive_app.shell.even_frames import settle_memory, share_fairly
 from instdrive_app.shell.file_drops import accept_drops
 from instdrive_app.shell.report import Reporter
 from instdrive_app.shell.window_layout import (

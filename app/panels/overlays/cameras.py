@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
+import numpy as np
 from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
@@ -13,11 +12,12 @@ from instdrive_app.panels.overlays.world_pen import WorldPen
 from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.preferences.themes import PICTURE_ACCENT, PICTURE_SHADE, PICTURE_TEXT
-from instdrive_app.session.showing.shown_cameras import build_frustum
 from instdrive_core.wording import phrase
 
 DOT = 2.5
 """Radius of the mark at a camera's place, pixels at scale 1."""
+EDGES = np.array([(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)])
+"""Corners of a frustum that an edge joins; the first corner is the camera's place."""
 
 
 class CamerasOverlay:
@@ -31,28 +31,26 @@ class CamerasOverlay:
         cameras, draw = ui.session.cameras, imgui.get_window_draw_list()
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
         self._draw_way(ui, WorldPen(snapshot.camera, place, 2.0))
-        depth, pen = cameras.find_depth(), WorldPen(snapshot.camera, place, 1.2)
-        for index in cameras.list_shown():
-            view = document.scene.views[index]
-            is_hovered = index == state.hovered_camera
-            alpha = 0.95 if is_hovered else 0.35 if state.show_all_cameras else 0.7
-            color = pack_color(PICTURE_ACCENT if is_hovered else PICTURE_TEXT, alpha)
-            frustum = build_frustum(view.camera, depth)
-            if not state.show_all_cameras:
-                _draw_edges(frustum, WorldPen(snapshot.camera, place, 3.0), pack_color(PICTURE_SHADE, 0.5))
-            _draw_edges(frustum, pen, color)
-            apex = pen.project(frustum[0])
-            if apex is not None:
-                draw.add_circle_filled(ImVec2(*apex), scale_pixels(DOT), color)
-                ui.mark_spot(f"gizmo.camera.{index}", apex, DOT, place)
+        shown, pen = np.array(cameras.list_shown(), np.int64), WorldPen(snapshot.camera, place, 1.2)
+        if not state.show_all_cameras:
+            shade = WorldPen(snapshot.camera, place, 3.0)
+            shade.draw_lines(_list_edges(cameras.find_frusta()[shown]), pack_color(PICTURE_SHADE, 0.5))
+        is_hovered = shown == state.hovered_camera
+        plain = pack_color(PICTURE_TEXT, 0.35 if state.show_all_cameras else 0.7)
+        for chosen, color in ((shown[~is_hovered], plain), (shown[is_hovered], pack_color(PICTURE_ACCENT, 0.95))):
+            frusta = cameras.find_frusta()[chosen]
+            pen.draw_lines(_list_edges(frusta), color)
+            for index, apex in zip(chosen.tolist(), pen.project_all(frusta[:, 0]), strict=True):
+                if apex is not None:
+                    draw.add_circle_filled(ImVec2(*apex), scale_pixels(DOT), color)
+                    ui.mark_spot(f"gizmo.camera.{index}", apex, DOT, place)
         draw.pop_clip_rect()
         self._draw_label(ui, place)
 
     def _draw_way(self, ui: Ui, pen: WorldPen) -> None:
         way = ui.session.cameras.find_way()
         if way is not None:
-            for start, end in pairwise(way):
-                pen.draw_line(start, end, pack_color(PICTURE_ACCENT, 0.6))
+            pen.draw_lines(np.stack([way[:-1], way[1:]], axis=1), pack_color(PICTURE_ACCENT, 0.6))
 
     def _draw_label(self, ui: Ui, place: Rectangle) -> None:
         """Name the camera under the mouse and its moment, beside the pointer and inside the picture."""
@@ -77,7 +75,6 @@ class CamerasOverlay:
         ui.marks["gizmo.camera_label"] = (low.x, low.y, high.x, high.y)
 
 
-def _draw_edges(frustum: Float64[ndarray, "5 3"], pen: WorldPen, color: int) -> None:
-    for number in range(1, 5):
-        pen.draw_line(frustum[0], frustum[number], color)
-        pen.draw_line(frustum[number], frustum[number % 4 + 1], color)
+def _list_edges(frusta: Float64[ndarray, "n 5 3"]) -> Float64[ndarray, "m 2 3"]:
+    """Both ends of the eight edges of each frustum."""
+    return frusta[:, EDGES].reshape(-1, 2, 3)

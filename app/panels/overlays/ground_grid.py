@@ -40,8 +40,12 @@ class GridOverlay:
         height = self._known[1]
         corner[2] = 0.0 if height is None else height
         pen = WorldPen(snapshot.camera, place, 1.0)
-        for start, end, is_strong in list_grid_lines(corner, spacing):
-            pen.draw_line(start, end, pack_color(PICTURE_TEXT, 0.55 if is_strong else 0.22))
+        lines = list_grid_lines(corner, spacing)
+        for strong, alpha in ((False, 0.22), (True, 0.55)):
+            pen.draw_lines(
+                np.array([(start, end) for start, end, is_strong in lines if is_strong == strong]),
+                pack_color(PICTURE_TEXT, alpha),
+            )
 
 
 def choose_grid_spacing(viewpoint: Viewpoint) -> float:

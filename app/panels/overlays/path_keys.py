@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
@@ -26,17 +24,15 @@ class PathKeysOverlay:
             return
         draw = imgui.get_window_draw_list()
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
-        line = editor.find_line()
+        line = np.asarray(editor.find_line(), np.float64).reshape(-1, 3)
+        parts = np.stack([line[:-1], line[1:]], axis=1)
         for thickness, color in ((5.0, pack_color(PICTURE_SHADE, 0.6)), (2.5, pack_color(PICTURE_ACCENT))):
-            pen = WorldPen(snapshot.camera, place, thickness)
-            for start, end in pairwise(line):
-                pen.draw_line(start, end, color)
+            WorldPen(snapshot.camera, place, thickness).draw_lines(parts, color)
         pen = WorldPen(snapshot.camera, place, 2.0)
         ghost = editor.find_ghost()
         if ghost is not None:
             corners = np.c_[ghost, np.full(len(ghost), editor.find_ground())]
-            for number in range(4):
-                pen.draw_line(corners[number - 1], corners[number], pack_color(PICTURE_TEXT, 0.9))
+            pen.draw_lines(np.stack([np.roll(corners, 1, axis=0), corners], axis=1), pack_color(PICTURE_TEXT, 0.9))
         if editor.drives:
             for index, key_place in enumerate(editor.find_places()):
                 spot = pen.project(key_place)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from weakref import ref
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from numpy import ndarray
 
 from instdrive_app.session.context import SessionContext
@@ -36,6 +36,7 @@ class ShownCameras:
     def __init__(self, context: SessionContext, navigation: Navigation) -> None:
         self._context, self._navigation = context, navigation
         self._depth: tuple[object, float] = (None, LONE_DEPTH)
+        self._frusta: tuple[object, Float64[ndarray, "n 5 3"]] = (None, np.zeros((0, 5, 3)))
         self._track: tuple[object, Track | None] = (None, None)
         self._way: tuple[object, Float64[ndarray, "n 3"] | None] = (None, None)
 
@@ -47,11 +48,8 @@ class ShownCameras:
         views = document.scene.views
         shown = choose_moments(views) if state.show_all_cameras else choose_present(views, state.time)
         eye, reach = state.viewpoint.position, NEAREST * self.find_depth()
-        return tuple(
-            index
-            for index in shown
-            if index != state.dataset_view and float(np.linalg.norm(views[index].camera.position - eye)) > reach
-        )
+        is_near = (np.linalg.norm(self.find_frusta()[:, 0] - eye, axis=1) <= reach).tolist()
+        return tuple(index for index in shown if index != state.dataset_view and not is_near[index])
 
     def find_depth(self) -> float:
         """Find how deep (metres) the frusta of the open document are."""
@@ -61,18 +59,26 @@ class ShownCameras:
             self._depth = (views, choose_depth(views))
         return self._depth[1]
 
+    def find_frusta(self) -> Float64[ndarray, "n 5 3"]:
+        """Find the frusta of all views, as `build_frustum` does."""
+        document = self._context.document
+        views = document.scene.views if document is not None else ()
+        if self._frusta[0] is not views:
+            frusta = [build_frustum(view.camera, self.find_depth()) for view in views]
+            self._frusta = (views, np.array(frusta, np.float64).reshape(-1, 5, 3))
+        return self._frusta[1]
+
     def find_at(self, camera: Camera, x: float, y: float) -> int | None:
         """Find the view whose camera is drawn at a pixel of the picture that `camera` shows; the nearest one."""
         document = self._context.document
         if document is None:
             return None
-        views, depth = document.scene.views, self.find_depth()
-        found = [
-            (float(np.linalg.norm(views[index].camera.position - camera.position)), index)
-            for index in self.list_shown()
-            if covers_pixel(build_frustum(views[index].camera, depth), camera, x, y)
-        ]
-        return min(found)[1] if found else None
+        shown = np.array(self.list_shown(), np.int64)
+        frusta = self.find_frusta()[shown]
+        found = np.flatnonzero(cover_pixel(frusta, camera, x, y))
+        if not len(found):
+            return None
+        return int(shown[found[np.linalg.norm(frusta[found, 0] - camera.position, axis=1).argmin()]])
 
     def trace_way(self) -> Float64[ndarray, "n 3"] | None:
         """Trace the way of the recording car (metres, at its cameras' height); None where the photos are no drive."""
@@ -148,23 +154,20 @@ def build_frustum(camera: Camera, depth: float) -> Float64[ndarray, "5 3"]:
     return np.concatenate([pose[None, :3, 3], local @ pose[:3, :3].T + pose[:3, 3]])
 
 
-def covers_pixel(frustum: Float64[ndarray, "5 3"], camera: Camera, x: float, y: float) -> bool:
-    """Whether a frustum, as `camera` sees it, covers a pixel: one of its faces, or the place of its camera."""
-    pixels, depths = camera.project(frustum)
-    if (depths <= 0.05).any():
-        return False
-    if np.hypot(*(pixels[0] - (x, y))) <= APEX_PIXELS:
-        return True
-    corners = pixels[1:]
-    sides = [np.stack([pixels[0], corners[number - 1], corners[number]]) for number in range(4)]
-    return any(_holds(face, x, y) for face in (corners, *sides))
+_FACES = ((1, 2, 3, 4), (0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1))
+"""Corners of each face of a frustum, in the order around it."""
 
 
-def _holds(face: Float64[ndarray, "k 2"], x: float, y: float) -> bool:
-    """Whether a convex face holds a point, whichever way round its corners go."""
-    edges, to_point = np.roll(face, -1, axis=0) - face, np.array([x, y]) - face
-    turns = edges[:, 0] * to_point[:, 1] - edges[:, 1] * to_point[:, 0]
-    return bool((turns >= 0).all() or (turns <= 0).all())
+def cover_pixel(frusta: Float64[ndarray, "n 5 3"], camera: Camera, x: float, y: float) -> Bool[ndarray, " n"]:
+    """Which frusta, as `camera` sees them, cover a pixel: by one of their faces, or by the place of their camera."""
+    pixels, depths = camera.project(frusta.reshape(-1, 3))
+    corners = pixels.reshape(-1, 5, 2) - (x, y)
+    covers = np.hypot(*corners[:, 0].T) <= APEX_PIXELS
+    for face in _FACES:
+        here, there = corners[:, face], np.roll(corners[:, face], -1, axis=1)
+        turns = here[..., 0] * there[..., 1] - here[..., 1] * there[..., 0]
+        covers |= (turns >= 0).all(axis=1) | (turns <= 0).all(axis=1)
+    return covers & (depths.reshape(-1, 5) > 0.05).all(axis=1)
 
 
 def find_drive(views: Sequence[CameraView]) -> Track | None:

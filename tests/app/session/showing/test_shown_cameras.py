@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from instdrive_app.session.showing.shown_cameras import (
+    APEX_PIXELS,
     MOST_MOMENTS,
     build_frustum,
     choose_depth,
     choose_moments,
     choose_present,
+    cover_pixel,
     find_drive,
     thin_way,
 )
@@ -41,6 +44,23 @@ def test_the_mouse_finds_the_nearest_camera_on_its_frustum_only(session, street)
     middle = camera.project(corners[1:].mean(axis=0)[None])[0][0]
     assert session.cameras.find_at(camera, *middle) == first
     assert session.cameras.find_at(camera, 5.0, 5.0) is None
+
+
+def test_a_pixel_is_covered_by_what_is_drawn_over_it():
+    """Every way round: the convex hull of a frustum's five corners, or the mark at its camera."""
+    rng = np.random.default_rng(0)
+    eye = Camera(300.0, 300.0, 200.0, 150.0, 400, 300, look_at(np.array([0.0, -6.0, 1.0]), np.zeros(3)))
+    places = rng.uniform(-1.5, 1.5, (40, 3))
+    frusta = np.array(
+        [build_frustum(Camera(90, 90, 50, 40, 100, 80, look_at(place, rng.normal(size=3))), 0.6) for place in places]
+    )
+    pixels = eye.project(frusta.reshape(-1, 3))[0].reshape(-1, 5, 2)
+    for x, y in rng.uniform(0, 1, (60, 2)) * [400, 300]:
+        inside = np.array([Delaunay(corners).find_simplex([(x, y)])[0] >= 0 for corners in pixels])
+        marked = np.hypot(*(pixels[:, 0] - (x, y)).T) <= APEX_PIXELS
+        assert (cover_pixel(frusta, eye, x, y) == (inside | marked)).all()
+    behind = frusta + np.array([0.0, -12.0, 0.0])
+    assert not cover_pixel(behind, eye, 200.0, 150.0).any()
 
 
 def test_a_frustum_has_the_corners_of_the_picture():
