@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.overlays.world_pen import WorldPen
@@ -27,8 +28,8 @@ class BoxOverlay:
         box, camera, draw = controller.box, snapshot.camera, imgui.get_window_draw_list()
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
         pen = WorldPen(camera, place)
-        for first, second in BOX_EDGES:
-            pen.draw_line(box.corners[first], box.corners[second], pack_color(PICTURE_ACCENT, 0.9 if is_held else 0.4))
+        edges = box.corners[np.array(BOX_EDGES)]
+        pen.draw_lines(edges, pack_color(PICTURE_ACCENT, 0.9 if is_held else 0.4))
         for name, (x, y) in locate_handles(box, camera).items() if is_held else ():
             at, radius = ImVec2(*place.locate_pixel(x, y)), scale_pixels(HANDLE)
             draw.add_circle_filled(at, radius + scale_pixels(1.5), pack_color(PICTURE_SHADE, 0.8))

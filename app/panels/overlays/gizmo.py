@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from imgui_bundle import imgui, imguizmo
 from jaxtyping import Float64
@@ -64,11 +62,9 @@ class Gizmo:
             return
         camera, box = snapshot.camera, moving.find_box()
         pen = WorldPen(camera, place)
-        for first, second in BOX_EDGES:
-            pen.draw_line(box.corners[first], box.corners[second], pack_color(PICTURE_ACCENT, 0.45))
-        for path in moving.find_paths():
-            for start, end in pairwise(path):
-                pen.draw_line(start, end, pack_color(PICTURE_TEXT, 0.7))
+        pen.draw_lines(box.corners[np.array(BOX_EDGES)], pack_color(PICTURE_ACCENT, 0.45))
+        for path in map(np.asarray, moving.find_paths()):
+            pen.draw_lines(np.stack([path[:-1], path[1:]], axis=1), pack_color(PICTURE_TEXT, 0.7))
         drag = moving.drag
         axes = choose_gizmo_axes(moving, box, operation) if drag is None else drag.axes
         if operation == "move" and moving.options.along_lane:

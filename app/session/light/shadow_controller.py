@@ -86,8 +86,8 @@ class ShadowController:
             if self._context.document is not document or not steps or history.next is not None:
                 return
             if history.done and history.done[-1] is last and not self._jobs.is_blocking:
-                joined = _join(last, steps)
-                document.replace_last(joined)
+                joined = CompoundEdit.extend(last, steps)
+                document.extend_last(joined)
                 self._step.replace(document, joined)
 
         self._jobs.submit_in_background(
@@ -97,12 +97,6 @@ class ShadowController:
     def _find_light(self, document: Document, frozen: Document, time: float) -> SceneLight:
         known = self._light
         return known[1] if known is not None and known[0]() is document else estimate_light(frozen, time)
-
-
-def _join(edit: Edit, steps: tuple[Edit, ...]) -> CompoundEdit:
-    if isinstance(edit, CompoundEdit):
-        return CompoundEdit((*edit.edits, *steps), edit.name)
-    return CompoundEdit((edit, *steps), edit.title)
 
 
 def _name(document: Document, put: Put) -> str:

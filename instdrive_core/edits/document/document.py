@@ -136,10 +136,11 @@ class Document:
         self._outermost = edit
         self.history.apply(edit, self, gesture)
 
-    def replace_last(self, edit: Edit) -> None:
-        """Do an edit in place of the last one, which is undone first, as `History.replace_last` does."""
+    def extend_last(self, edit: Edit) -> None:
+        """Put an edit that goes on where the last one ended in its place, as `History.extend_last` does."""
+        self.run_deferred()
         self._outermost = edit
-        self.history.replace_last(edit, self)
+        self.history.extend_last(edit, self)
 
     def undo(self) -> Edit | None:
         """Undo one step; returns its edit, or None where nothing is left."""

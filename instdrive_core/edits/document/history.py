@@ -9,9 +9,6 @@ from instdrive_core.edits.document.edit import Edit
 if TYPE_CHECKING:
     from instdrive_core.edits.document.document import Document
 
-_REPLACING = "replacing"
-"""The gesture of an edit that takes the place of one without a gesture."""
-
 
 class History:
     """Edits in order; those before the cursor are done, those from it on can be redone."""
@@ -69,21 +66,16 @@ class History:
             self._cursor += 1
         self._gesture = gesture if changed else None
 
-    def replace_last(self, edit: Edit, document: Document) -> None:
-        """Do an edit in place of the last one, which is undone first: one that does the same and more.
+    def extend_last(self, edit: Edit, document: Document) -> None:
+        """Put an edit in place of the last one, which stays done: `edit.do` does what comes on top of it.
 
         A gesture goes on. Where `edit.do` raises, the last edit stays. Raises ValueError where nothing is done, or
         anything can be redone.
         """
         if not 0 < self._cursor == len(self._edits):
-            raise ValueError("only the last edit can be replaced")
-        gesture = self._gesture
-        self._gesture = gesture or _REPLACING
-        try:
-            self.apply(edit, document, self._gesture)
-        finally:
-            if gesture is None:
-                self._gesture = None
+            raise ValueError("only the last edit can be extended")
+        edit.do(document)
+        self._edits[-1] = edit
 
     def undo(self, document: Document) -> Edit | None:
         """Undo the edit before the cursor and return it; None where nothing is left."""

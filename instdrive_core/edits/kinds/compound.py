@@ -20,6 +20,8 @@ class CompoundEdit(Edit):
     name: str
     """The title of the step."""
     _done: list[Edit] = field(default_factory=list, init=False, repr=False, compare=False)
+    _begun: int = field(default=0, init=False, repr=False, compare=False)
+    """Edits, the first ones, that are done before `do` is called."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -30,15 +32,25 @@ class CompoundEdit(Edit):
         """The given name."""
         return self.name
 
+    @classmethod
+    def extend(cls, last: Edit, more: tuple[Edit, ...]) -> CompoundEdit:
+        """Join edits to the document's last one, which is done: for `Document.extend_last`, which does the others."""
+        is_compound = isinstance(last, CompoundEdit)
+        joined = cls((*last.edits, *more) if is_compound else (last, *more), last.title)
+        joined._done, joined._begun = list(last._done) if is_compound else [last], len(joined.edits) - len(more)
+        return joined
+
     def do(self, document: Document) -> bool:
         """Do all edits, or none of them."""
-        self._done = []
+        before, begun = self._done[:] if self._begun else [], self._begun
+        self._done, self._begun = before[:], 0
         try:
-            for edit in self.edits:
+            for edit in self.edits[begun:]:
                 if edit.do(document):
                     self._done.append(edit)
         except Exception:
-            self.undo(document)
+            for edit in reversed(self._done[len(before) :]):
+                edit.undo(document)
             raise
         return bool(self._done)
 

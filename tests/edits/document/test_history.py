@@ -107,33 +107,38 @@ def test_compound_edits_undo_in_reverse_and_are_all_or_nothing():
     assert (document.said, history.cursor) == (["a", "b"], 1)
 
 
-def test_the_last_edit_can_grow():
+def test_the_last_edit_can_grow_without_being_done_again():
     history, document = History(), Words()
     history.apply(Say("a"), document)
     history.apply(Say("b"), document, "a drag")
-    history.replace_last(CompoundEdit((history.done[-1], Say("c")), "b and more"), document)
-    assert (document.said, [edit.title for edit in history.done]) == (["a", "b", "c"], ["Say a", "b and more"])
-    history.apply(Say("d"), document, "a drag")
-    assert document.said == ["a", "d"]
-    history.apply(Say("e"), document)
-    history.replace_last(CompoundEdit((Say("e"), Say("f")), "both"), document)
-    history.apply(Say("g"), document)
-    assert document.said == ["a", "d", "e", "f", "g"]
+    history.extend_last(CompoundEdit.extend(history.done[-1], (Say("c"), Say(""))), document)
+    assert (document.said, [edit.title for edit in history.done]) == (["a", "b", "c"], ["Say a", "Say b"])
+    history.extend_last(CompoundEdit.extend(history.done[-1], (Say("d"),)), document)
+    assert document.said == ["a", "b", "c", "d"]
     history.undo(document)
+    assert document.said == ["a"]
+    history.redo(document)
+    assert document.said == ["a", "b", "c", "d"]
     history.undo(document)
-    assert document.said == ["a", "d"]
+    history.redo(document)
+    assert document.said == ["a", "b", "c", "d"]
+    history.apply(Say("e"), document, "a drag")
+    assert document.said == ["a", "b", "c", "d", "e"], "another drag, as undo has ended the first one"
+    history.extend_last(CompoundEdit.extend(history.done[-1], (Say("f"),)), document)
+    history.apply(Say("g"), document, "a drag")
+    assert document.said == ["a", "b", "c", "d", "g"], "the drag goes on, and replaces what was added to it"
 
 
-def test_an_edit_that_cannot_take_the_place_of_the_last_one_leaves_it():
+def test_an_edit_that_cannot_go_on_leaves_the_last_one():
     history, document = History(), Words()
     with pytest.raises(ValueError, match="only the last edit"):
-        history.replace_last(Say("a"), document)
+        history.extend_last(CompoundEdit.extend(Say("a"), ()), document)
     history.apply(Say("a"), document)
     with pytest.raises(EditError):
-        history.replace_last(CompoundEdit((Say("a"), Say("bad")), "both"), document)
-    assert (document.said, history.cursor) == (["a"], 1)
+        history.extend_last(CompoundEdit.extend(history.done[-1], (Say("b"), Say("bad"))), document)
+    assert (document.said, history.cursor, history.done[-1].title) == (["a"], 1, "Say a")
     history.apply(Say("b"), document)
     assert document.said == ["a", "b"]
     history.undo(document)
     with pytest.raises(ValueError, match="only the last edit"):
-        history.replace_last(Say("c"), document)
+        history.extend_last(CompoundEdit.extend(Say("a"), ()), document)
