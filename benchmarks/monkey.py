@@ -57,6 +57,8 @@ CHECK_SECONDS = 3.0
 """Between two looks at the whole document."""
 NEAR = 60.0
 """Pixels of a short drag: one that ends in the panel where it began."""
+SLOW = 0.15
+"""Seconds from which a frame is felt as a stop."""
 SLOWEST = 6
 """Frames that took the most CPU time, as many are told."""
 SLACK_OBJECTS = 40
@@ -90,6 +92,8 @@ class Monkey:
         self.frames = 0
         self.longest_frame, self.longest_in = 0.0, ""
         """Seconds, and the action that was under way."""
+        self.slow_frames = 0
+        """Frames longer than `SLOW`."""
         self.works: list[tuple[float, str]] = []
         """Most CPU seconds of the window's thread in one frame, with the actions; they depend little on other work."""
         self._doing = ""
@@ -270,6 +274,7 @@ class Monkey:
             yield
             lasted = time.perf_counter() - started
             self.works = sorted([*self.works, (time.thread_time() - worked, self._doing)])[-SLOWEST:]
+            self.slow_frames += lasted > SLOW
             if lasted > self.longest_frame:
                 self.longest_frame, self.longest_in = lasted, self._doing
             self.frames += 1
@@ -340,6 +345,7 @@ def play(options: Options) -> dict[str, object]:
         "commands": len(+monkey.commands),
         "dragged": dict(monkey.dragged.most_common()),
         "longest_frame_ms": round(1e3 * monkey.longest_frame),
+        "frames_above_150_ms": monkey.slow_frames,
         "most_cpu_ms": [[round(1e3 * seconds), doing] for seconds, doing in reversed(monkey.works)],
         "longest_in": monkey.longest_in,
         "gl_objects": [monkey.objects[0], monkey.objects[-1]] if monkey.objects else [],
