@@ -14,6 +14,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {"instdrive_core": "instdrive_core", "app": "instdrive_app"}
 """Folder and import name of what is checked."""
 KERNELS = re.compile(r"^\s*(import|from) (numba|llvmlite)\b", re.MULTILINE)
+MANY_CALLS = "datasets/synthetic/world/"
+"""Builds a street from ten thousand small meshes: checking each call takes longer than building it."""
 
 
 def _checked_modules() -> list[str]:
@@ -22,7 +24,9 @@ def _checked_modules() -> list[str]:
         ".".join([package, *path.relative_to(ROOT / folder).with_suffix("").parts])
         for folder, package in PACKAGES.items()
         for path in sorted((ROOT / folder).rglob("*.py"))
-        if path.stem != "__init__" and not KERNELS.search(path.read_text(encoding="utf-8"))
+        if path.stem != "__init__"
+        and MANY_CALLS not in path.as_posix()
+        and not KERNELS.search(path.read_text(encoding="utf-8"))
     ]
 
 
