@@ -31,7 +31,8 @@ def cover_skin(
     `points` are the means of those around in the skin's frame. The splats' ellipsoids are given in the frame that
     `linear` (s R) turns and scales into the skin's; their means are the skin's places.
     """
-    near = KDTree(points).query(skin.places, k=min(_NEAREST, len(points)))[1].reshape(len(skin), -1)
+    count = min(_NEAREST, len(points))
+    near = np.asarray(KDTree(points).query(skin.places, k=count)[1]).reshape(len(skin), count)
     nearest = near[:, 0].astype(np.int64)
     scale = float(np.cbrt(np.linalg.det(linear)))
     axes, widths = _find_axes(skin)

@@ -221,4 +221,7 @@ def test_what_photos_show_stays_as_it_is_and_the_far_side_is_filled():
         far[:, :2] = far[:, :2] @ axes + PLACE
         gaps.append(np.quantile(KDTree(edited.gaussians.means).query(far)[0], 0.9))
     assert changes[1] < 0.7 * changes[0]
+    document = Document(deepcopy(scene))
+    document.apply(replace(seeing, gaps=np.arange(10**6)))  # more than there are: a project that was carried over
+    assert (document.scene.extra["synthetic"] == 3).sum() < len(scene)
     assert gaps[1] < 0.6 * gaps[2]

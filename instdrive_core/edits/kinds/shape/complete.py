@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -17,7 +18,7 @@ from instdrive_core.edits.bases.parameters import check_number, check_number_lis
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.row_runs import RowRuns, expand_runs, make_runs
 from instdrive_core.edits.document.synthetic_rows import MIRRORED, SYNTHETIC
-from instdrive_core.edits.queries.closed_body import find_body
+from instdrive_core.edits.queries.closed_body import Skin, find_body
 from instdrive_core.edits.queries.photo_witness import ask_photos
 from instdrive_core.edits.queries.placement import find_solid
 from instdrive_core.edits.queries.skin_splats import cover_skin
@@ -53,6 +54,31 @@ FAR_OUT = 0.1
 
 _RUNS = ("kept", "known", "strays", "gaps")
 """Parameters that are runs of numbers."""
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Both sides of a completed thing."""
+
+    rows: Int64[ndarray, " m"]
+    """Rows that are mirrored."""
+    image: Gaussians
+    kept: Int64[ndarray, " k"]
+    """Rows that stay."""
+    shown: Gaussians
+    """Those that stay, and the image."""
+    move: Float64[ndarray, "3 4"]
+    """[s R | t] that puts them where they stand."""
+
+    @cached_property
+    def shell(self) -> Int64[ndarray, " n"]:
+        """Which of those shown are solid and no floaters."""
+        return _find_shell(self.shown, self.move)
+
+    @cached_property
+    def points(self) -> Float64[ndarray, "n 3"]:
+        """Where these stand, metres."""
+        return self.shown.means[self.shell].astype(np.float64) @ self.move[:, :3].T + self.move[:, 3]
 
 
 @dataclass
@@ -110,7 +136,8 @@ class CompleteInstance(GrowInstance):
         rows = find_shown_body(document, self.id)
         there = rows[self.measure_sides(document, rows) < 0]
         there = np.setdiff1d(there, expand_runs(make_runs(self.kept), len(document.scene)))
-        return np.union1d(there, np.intersect1d(rows, expand_runs(make_runs(self.strays), len(document.scene))))
+        strays = expand_runs(make_runs(self.strays), len(document.scene))
+        return np.union1d(there, np.intersect1d(rows, strays))
 
     def build_addition(self, document: Document) -> Addition:
         """The mirror image of the side that was seen, without floaters, and the skin behind both sides.
@@ -118,6 +145,33 @@ class CompleteInstance(GrowInstance):
         Raises EditError where there is none.
         """
         scene, entry = document.scene, document.scene.table[self.id]
+        sides = self._mirror(document)
+        added, rows = sides.image, sides.rows
+        if self.inset:
+            skin = self._build_skin(sides)
+            gaps = make_runs(self.gaps).rows
+            skin = skin.select(np.setdiff1d(np.arange(len(skin)), gaps))
+            splats, nearest = cover_skin(skin, sides.shown.select(sides.shell), sides.points, sides.move[:, :3])
+            means = _put_back(skin.places, sides.move).astype(np.float32)
+            added = concatenate_gaussians([added, replace(splats, means=means)])
+            rows = np.concatenate([rows, np.concatenate([sides.kept, rows])[sides.shell[nearest]]])
+        extra = {name: column[rows] for name, column in scene.extra.items()}
+        extra[SYNTHETIC] = np.full(len(rows), MIRRORED, scene.extra[SYNTHETIC].dtype)
+        ids, nodes = scene.instance_ids[rows], scene.nodes[rows]
+        part = Scene(added, ids, scene.codewords[rows], nodes, actors=scene.actors, extra=extra)
+        return Addition(part, document.colors.indices[rows], document.transforms.indices[rows], (entry,))
+
+    def find_skin(self, document: Document) -> Float64[ndarray, "k 3"]:
+        """Find the places of the skin without gaps, where the file has the splats, metres."""
+        sides = self._mirror(document)
+        return _put_back(self._build_skin(sides).places, sides.move)
+
+    def _build_skin(self, sides: _Sides) -> Skin:
+        return find_body(sides.points, self.plane).build_skin(self.inset)
+
+    def _mirror(self, document: Document) -> _Sides:
+        """What is there of both sides once the edit is done. Raises EditError where nothing is mirrored."""
+        scene = document.scene
         body = np.setdiff1d(find_shown_body(document, self.id), expand_runs(make_runs(self.strays), len(scene)))
         rows = body[find_main_parts(document.compute_means(body).astype(np.float64))]
         rows = rows[self.measure_sides(document, rows) > 0]
@@ -127,26 +181,11 @@ class CompleteInstance(GrowInstance):
         place = find_main_entry(document, rows)
         rows = rows[document.transforms.indices[rows] == place]
         move = document.transforms.matrices[place]
-        added = mirror_gaussians(scene.gaussians.select(rows), self.plane, move)
-        if self.inset:
-            kept = np.setdiff1d(body, self.find_replaced(document))
-            kept = kept[document.transforms.indices[kept] == place]
-            skin, nearest = self._close(concatenate_gaussians([scene.gaussians.select(kept), added]), move)
-            added = concatenate_gaussians([added, skin])
-            rows = np.concatenate([rows, np.concatenate([kept, rows])[nearest]])
-        extra = {name: column[rows] for name, column in scene.extra.items()}
-        extra[SYNTHETIC] = np.full(len(rows), MIRRORED, scene.extra[SYNTHETIC].dtype)
-        ids, nodes = scene.instance_ids[rows], scene.nodes[rows]
-        part = Scene(added, ids, scene.codewords[rows], nodes, actors=scene.actors, extra=extra)
-        return Addition(part, document.colors.indices[rows], document.transforms.indices[rows], (entry,))
-
-    def _close(self, shown: Gaussians, move: Float64[ndarray, "3 4"]) -> tuple[Gaussians, Int64[ndarray, " k"]]:
-        """The skin within both sides as they are shown, and the shown splat nearest to each of it."""
-        points, chosen = _find_shell(shown, move)
-        skin = find_body(points, self.plane).build_skin(self.inset)
-        skin = skin.select(np.setdiff1d(np.arange(len(skin)), expand_runs(make_runs(self.gaps), len(skin))))
-        splats, nearest = cover_skin(skin, shown.select(chosen), points, move[:, :3])
-        return replace(splats, means=_put_back(skin.places, move).astype(np.float32)), chosen[nearest]
+        image = mirror_gaussians(scene.gaussians.select(rows), self.plane, move)
+        kept = np.setdiff1d(body, self.find_replaced(document))
+        kept = kept[document.transforms.indices[kept] == place]
+        shown = concatenate_gaussians([scene.gaussians.select(kept), image])
+        return _Sides(rows, image, kept, shown, move)
 
     @property
     def plane(self) -> Symmetry:
@@ -207,26 +246,20 @@ def _ask_photos(document: Document, edit: CompleteInstance, solid: Int64[ndarray
             phrase("photos of {name} show that it is not symmetric across the plane that was found", name=name)
         )
     seen = witness.count_seen(gaussians.means[rows].astype(np.float64))
-    body = find_body(_find_shell(gaussians.select(rows), move)[0], edit.plane)
-    is_stray = (seen == 0) & (body.measure_outside(document.compute_means(rows).astype(np.float64)) > FAR_OUT)
-    skin = _put_back(body.build_skin(edit.inset).places, move)
-    return replace(
-        edit,
-        kept=rows[(beside < 0) & (seen >= least)],
-        known=rows[mirrored & in_sight],
-        strays=rows[is_stray],
-        gaps=np.flatnonzero(witness.count_past(skin) >= least),
+    standing = document.compute_means(rows).astype(np.float64)
+    shell = _find_shell(gaussians.select(rows), move)
+    is_stray = (seen == 0) & (find_body(standing[shell], edit.plane).measure_outside(standing) > FAR_OUT)
+    edit = replace(
+        edit, kept=rows[(beside < 0) & (seen >= least)], known=rows[mirrored & in_sight], strays=rows[is_stray]
     )
+    return replace(edit, gaps=np.flatnonzero(witness.count_past(edit.find_skin(document)) >= least))
 
 
-def _find_shell(
-    gaussians: Gaussians, move: Float64[ndarray, "3 4"]
-) -> tuple[Float64[ndarray, "k 3"], Int64[ndarray, " k"]]:
-    """Where the solid splats stand that are no floaters, and which they are."""
+def _find_shell(gaussians: Gaussians, move: Float64[ndarray, "3 4"]) -> Int64[ndarray, " k"]:
+    """Which splats are solid and no floaters, where `move` puts them."""
     chosen = np.flatnonzero(find_solid(sigmoid(gaussians.opacity_logits)) & np.isfinite(gaussians.means).all(axis=1))
     points = gaussians.means[chosen].astype(np.float64) @ move[:, :3].T + move[:, 3]
-    main = find_main_parts(points)
-    return points[main], chosen[main]
+    return chosen[find_main_parts(points)]
 
 
 def _put_back(points: Float64[ndarray, "n 3"], move: Float64[ndarray, "3 4"]) -> Float64[ndarray, "n 3"]:
