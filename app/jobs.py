@@ -57,7 +57,7 @@ class Jobs:
     ) -> None:
         """The reports get a text for the user; `wake` is called on the worker's thread when a job ends."""
         self._report_error, self._report_cancelled, self._wake = report_error, report_cancelled, wake
-        self._pool = ThreadPoolExecutor(1, "editor-job", initializer=stand_back)
+        self._pool = ThreadPoolExecutor(1, "editor-job")
         self._background_pool = ThreadPoolExecutor(1, "editor-background", initializer=stand_back)
         self._jobs: list[Job] = []
         self._background_jobs: list[Job] = []
