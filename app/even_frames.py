@@ -12,7 +12,7 @@ _TURN = 0.001
 """Seconds for which a thread that computes in Python keeps the others waiting; Python's own choice is five times that.
 Each call that waits for something else costs the UI's thread such a turn, and a frame has dozens of them."""
 _NICENESS = 10
-"""Of threads that nobody waits for: they get a tenth of a core that the window wants, too, and all of others. What they
+"""For threads that nobody waits for: they get a tenth of a core that the window wants, too, and all of others. What they
 start inherits it, and may not take it back: a training is not started there."""
 
 
@@ -28,8 +28,8 @@ def settle_memory() -> None:
 
 
 def stand_back() -> None:
-    """Give the calling thread, and those that it starts, what others leave of the cores. Linux only: elsewhere a
-    thread has no priority of its own that is set so, and nothing happens."""
+    """Leave the cores to others: the calling thread, and those that it starts, take what is left. Linux only: elsewhere
+    a thread has no priority of its own that is set so, and nothing happens."""
     if sys.platform.startswith("linux"):
         with suppress(OSError):  # a sandbox may forbid it: the work is done all the same
             os.setpriority(os.PRIO_PROCESS, get_native_id(), _NICENESS)
