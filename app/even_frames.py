@@ -12,8 +12,8 @@ _TURN = 0.001
 """Seconds for which a thread that computes in Python keeps the others waiting; Python's own choice is five times that.
 Each call that waits for something else costs the UI's thread such a turn, and a frame has dozens of them."""
 _NICENESS = 10
-"""For threads that nobody waits for: they get a tenth of a core that the window wants, too, and all of others. What they
-start inherits it, and may not take it back: a training is not started there."""
+"""For threads that nobody waits for: they get a tenth of a core that the window wants, too, and all of others. What
+they start inherits it, and may not take it back: a training is not started there."""
 
 
 def share_fairly() -> None:
