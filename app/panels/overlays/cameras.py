@@ -50,7 +50,7 @@ class CamerasOverlay:
     def _draw_way(self, ui: Ui, pen: WorldPen) -> None:
         way = ui.session.cameras.find_way()
         if way is not None:
-            pen.draw_lines(np.stack([way[:-1], way[1:]], axis=1), pack_color(PICTURE_ACCENT, 0.6))
+            pen.draw_path(way, pack_color(PICTURE_ACCENT, 0.6))
 
     def _draw_label(self, ui: Ui, place: Rectangle) -> None:
         """Name the camera under the mouse and its moment, beside the pointer and inside the picture."""

@@ -63,8 +63,8 @@ class Gizmo:
         camera, box = snapshot.camera, moving.find_box()
         pen = WorldPen(camera, place)
         pen.draw_lines(box.corners[np.array(BOX_EDGES)], pack_color(PICTURE_ACCENT, 0.45))
-        for path in map(np.asarray, moving.find_paths()):
-            pen.draw_lines(np.stack([path[:-1], path[1:]], axis=1), pack_color(PICTURE_TEXT, 0.7))
+        for path in moving.find_paths():
+            pen.draw_path(path, pack_color(PICTURE_TEXT, 0.7))
         drag = moving.drag
         axes = choose_gizmo_axes(moving, box, operation) if drag is None else drag.axes
         if operation == "move" and moving.options.along_lane:

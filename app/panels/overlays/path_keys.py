@@ -25,9 +25,8 @@ class PathKeysOverlay:
         draw = imgui.get_window_draw_list()
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
         line = np.asarray(editor.find_line(), np.float64).reshape(-1, 3)
-        parts = np.stack([line[:-1], line[1:]], axis=1)
         for thickness, color in ((5.0, pack_color(PICTURE_SHADE, 0.6)), (2.5, pack_color(PICTURE_ACCENT))):
-            WorldPen(snapshot.camera, place, thickness).draw_lines(parts, color)
+            WorldPen(snapshot.camera, place, thickness).draw_path(line, color)
         pen = WorldPen(snapshot.camera, place, 2.0)
         ghost = editor.find_ghost()
         if ghost is not None:

@@ -47,6 +47,10 @@ class WorldPen:
         for x, y, last_x, last_y in pixels.reshape(-1, 4).tolist():
             draw.add_line(ImVec2(*locate(x, y)), ImVec2(*locate(last_x, last_y)), color, self._thickness)
 
+    def draw_path(self, places: Float[ndarray, "n 3"], color: int) -> None:
+        """Draw straight lines from each place to the next."""
+        self.draw_lines(np.stack([places[:-1], places[1:]], axis=1), color)
+
     def draw_dashes(self, start: Float[ndarray, "3"], end: Float[ndarray, "3"], color: int) -> None:
         """Draw a dashed line."""
         count = max(int(np.linalg.norm(end - start) / DASH_METRES), 1)

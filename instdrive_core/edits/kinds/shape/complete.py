@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float64, Int, Int64
+from jaxtyping import Float, Float64, Int, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.bases.append import Addition
@@ -50,8 +50,6 @@ INSET = 0.1
 """Metres by which the closing skin lies inside: behind what was seen, which it would blur."""
 FAR_OUT = 0.1
 """Metres outside of the body from which splats that no photo shows are strays."""
-
-
 _RUNS = ("kept", "known", "strays", "gaps")
 """Parameters that are runs of numbers."""
 
@@ -78,7 +76,7 @@ class _Sides:
     @cached_property
     def points(self) -> Float64[ndarray, "n 3"]:
         """Where these stand, metres."""
-        return self.shown.means[self.shell].astype(np.float64) @ self.move[:, :3].T + self.move[:, 3]
+        return _put_out(self.shown.means[self.shell], self.move)
 
 
 @dataclass
@@ -106,7 +104,7 @@ class CompleteInstance(GrowInstance):
     inset: float = 0.0
     """Metres by which the skin lies inside of the body; 0: there is none."""
     gaps: RowRuns | Int[ndarray, "_"] | Sequence[object] = ()
-    """Places of the skin, by number, before which photos see something behind; it is open there."""
+    """Places of the skin, by number, that photos look past at something behind; it is open there."""
 
     def __post_init__(self) -> None:
         if not is_whole(self.id) or self.id < 1:
@@ -231,21 +229,20 @@ def _ask_photos(document: Document, edit: CompleteInstance, solid: Int64[ndarray
     """Add what photos say about both sides to an edit. Raises EditError where they show that its image is wrong."""
     gaussians, name = document.scene.gaussians, document.scene.table[edit.id].name
     witness = ask_photos(document, edit.id, solid)
-    seen = witness.count_seen(gaussians.means[solid].astype(np.float64))
-    if np.mean(seen >= 1) < LEAST_SEEN:  # it was added, or these are no photos of it: they say nothing
-        return edit
     rows = find_shown_body(document, edit.id)
+    seen, is_solid = witness.count_seen(gaussians.means[rows].astype(np.float64)), np.isin(rows, solid)
+    if np.mean(seen[is_solid] >= 1) < LEAST_SEEN:  # it was added, or these are no photos of it: they say nothing
+        return edit
     beside = edit.measure_sides(document, rows)
     move = document.transforms.matrices[find_main_entry(document, rows)]
     image = mirror_gaussians(gaussians.select(rows), edit.plane, move).means.astype(np.float64)
     least = min(FEWEST_PHOTOS, len(witness.looks))
     in_sight = witness.count_in_sight(image) >= least
     mirrored = beside > 0
-    if np.mean(in_sight[mirrored & np.isin(rows, solid)]) > MOST_IN_SIGHT:
+    if np.mean(in_sight[mirrored & is_solid]) > MOST_IN_SIGHT:
         raise EditError(
             phrase("photos of {name} show that it is not symmetric across the plane that was found", name=name)
         )
-    seen = witness.count_seen(gaussians.means[rows].astype(np.float64))
     standing = document.compute_means(rows).astype(np.float64)
     shell = _find_shell(gaussians.select(rows), move)
     is_stray = (seen == 0) & (find_body(standing[shell], edit.plane).measure_outside(standing) > FAR_OUT)
@@ -258,8 +255,12 @@ def _ask_photos(document: Document, edit: CompleteInstance, solid: Int64[ndarray
 def _find_shell(gaussians: Gaussians, move: Float64[ndarray, "3 4"]) -> Int64[ndarray, " k"]:
     """Which splats are solid and no floaters, where `move` puts them."""
     chosen = np.flatnonzero(find_solid(sigmoid(gaussians.opacity_logits)) & np.isfinite(gaussians.means).all(axis=1))
-    points = gaussians.means[chosen].astype(np.float64) @ move[:, :3].T + move[:, 3]
-    return chosen[find_main_parts(points)]
+    return chosen[find_main_parts(_put_out(gaussians.means[chosen], move))]
+
+
+def _put_out(means: Float[ndarray, "n 3"], move: Float64[ndarray, "3 4"]) -> Float64[ndarray, "n 3"]:
+    """Where `move` ([s R | t]) puts means."""
+    return means.astype(np.float64) @ move[:, :3].T + move[:, 3]
 
 
 def _put_back(points: Float64[ndarray, "n 3"], move: Float64[ndarray, "3 4"]) -> Float64[ndarray, "n 3"]:
@@ -273,8 +274,7 @@ def mirror_gaussians(gaussians: Gaussians, plane: Symmetry, move: Float64[ndarra
     rotation = move[:, :3] / extract_scale(move)
     normal = rotation.T @ np.array([*plane.normal, 0.0])
     flip = np.eye(3) - 2 * np.outer(normal, normal)
-    moved = gaussians.means.astype(np.float64) @ move[:, :3].T + move[:, 3]
-    means = _put_back(plane.mirror(moved), move)
+    means = _put_back(plane.mirror(_put_out(gaussians.means, move)), move)
     # The reflected axes form a left-handed frame; turning one round leaves the ellipsoid as it is.
     turned = flip @ matrix_from_quaternion(gaussians.quats.astype(np.float64)) * np.array([-1.0, 1.0, 1.0])
     return replace(
