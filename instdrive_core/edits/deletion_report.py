@@ -24,14 +24,15 @@ from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
 from instdrive_core.progress import report
 from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import copy_at_home
 from instdrive_core.wording import format_count, phrase
 
 MAX_GAP_SHARE = 0.02
 """Share of what a thing hid that may be open to the sky without a fill."""
-
-
 SCRAP_SHARE = 0.1
 """An instance with at most this share of a deleted one's splats is no thing that stands behind it."""
+PUT_ELSEWHERE = 1.0
+"""Metres from its home from which a thing stands where photos never saw it."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,7 @@ def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: fl
 
 
 def _build_report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
+    whole, parts = parts, [part for part in parts if _stands_where_it_was(document, part.rows)]
     remainders = [None if part.whole else divide_instance(document, part.instance_id, part.rows) for part in parts]
     kept = [remainder.kept for remainder in remainders if remainder is not None]
     evidence = gather_photo_evidence(document, [part.rows for part in parts], kept)
@@ -155,7 +157,14 @@ def _build_report(document: Document, parts: Sequence[DeletedPart], time: float)
     around = find_surroundings(document, [(part.instance_id, part.rows) for part in parts], time, kept)
     report(0.7)
     hole = None if around is None else _find_hole(around, residue, evidence, tuple(part.instance_id for part in parts))
-    return DeletionReport(tuple(parts), residue, carriers, hole)
+    return DeletionReport(tuple(whole), residue, carriers, hole)
+
+
+def _stands_where_it_was(document: Document, rows: Int64[ndarray, " m"]) -> bool:
+    """Whether a thing hides what photos hid behind it; one that was put elsewhere leaves nothing where it stands."""
+    there = document.compute_means(rows)
+    home = copy_at_home(document.scene.gaussians, document.transforms, rows).means
+    return not len(rows) or float(np.median(np.linalg.norm(there - home, axis=1))) <= PUT_ELSEWHERE
 
 
 def _find_hole(

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int, UInt16
+from jaxtyping import Bool, Float, Float32, Float64, Int, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.rotations import multiply_quaternions, normalize_quaternions, quaternion_from_matrix
@@ -137,15 +137,31 @@ def copy_transformed(gaussians: Gaussians, palette: TransformPalette, rows: Int[
     return part
 
 
+def copy_at_home(gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarray, " m"]) -> Gaussians:
+    """Copy `rows` as they were before they were moved by themselves, in their nodes' frames."""
+    part = gaussians.select(rows)
+    _bake(part, palette.homes, palette.indices[rows])
+    return part
+
+
+def find_away(palette: TransformPalette, rows: Int[ndarray, " m"]) -> Bool[ndarray, " m"]:
+    """Find which rows were moved, turned or scaled by themselves and not put back."""
+    return (palette.matrices != palette.homes).any(axis=(1, 2))[palette.indices[rows]]
+
+
 def bake_transforms(gaussians: Gaussians, palette: TransformPalette, entries: UInt16[ndarray, " n"]) -> None:
     """Bake moves: write means, quaternions, scales and SH rest of all rows whose entry is not 0. `entries` (n,)."""
+    _bake(gaussians, palette.matrices, entries)
+
+
+def _bake(gaussians: Gaussians, matrices: Float64[ndarray, "p 3 4"], entries: UInt16[ndarray, " n"]) -> None:
     moved = np.flatnonzero(entries)
     if not len(moved):
         return
     order = moved[np.argsort(entries[moved], kind="stable")]
     named, starts = np.unique(entries[order], return_index=True)
     for entry, rows in zip(named.tolist(), np.split(order, starts[1:]), strict=True):
-        matrix = palette.matrices[entry]
+        matrix = matrices[entry]
         scale = extract_scale(matrix)
         rotation = matrix[:, :3] / scale
         gaussians.means[rows] = gaussians.means[rows] @ matrix[:, :3].T + matrix[:, 3]

@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, PAVEMENT, ROAD, parked_street
+from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, PAVEMENT, ROAD, WALL, parked_street
 from random_scene import random_scene
 
 from instdrive_core.edits.deletion_report import report_deletion, report_row_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.surroundings import find_surroundings
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
+from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.kinds.visibility import LockInstances
 from instdrive_core.errors import EditError
@@ -110,6 +111,42 @@ def test_a_lassoed_car_leaves_what_the_lasso_missed(street):
     document.apply(report.make_absorb_edit())
     assert not np.isin(report.residue, report_row_deletion(document, rows, 0.0).residue).any()
     assert document.state.find_mask(Flag.DELETED)[report.residue].all()
+
+
+def test_a_car_that_was_moved_there_stays_whole_and_so_does_what_stands_behind_it(street):
+    lost = []
+    for move in ((0.0, 0.0, 0.0), (0.0, -3.5, -0.07)):
+        document = Document(deepcopy(street.scene))
+        document.apply(MoveInstances((OTHER_CAR,), move))
+        document.apply(DeleteInstances((CAR,)))
+        report = report_deletion(document, (CAR,), 0.0)
+        for edit in (report.make_absorb_edit(), report.make_fill_edit()):
+            document.apply(edit)
+        lost.append(document.state.find_mask(Flag.DELETED)[: len(street.scene)])
+    assert not lost[1][document.find_rows((OTHER_CAR,))].any(), "photos saw it elsewhere, and say nothing about it"
+    wall = street.scene.instance_ids == WALL
+    assert np.count_nonzero(lost[1] & wall) <= np.count_nonzero(lost[0] & wall), "photos saw it without the car"
+
+
+def test_a_car_stays_whole_where_the_hole_it_left_is_filled(street):
+    document = Document(deepcopy(street.scene))
+    report = report_deletion(document, (CAR,), 0.0)
+    document.apply(MoveInstances((CAR,), (-2.5, -2.0, -0.04)))
+    document.apply(report.make_fill_edit())
+    assert not document.state.find_mask(Flag.DELETED)[document.find_rows((CAR,))].any()
+    count = len(street.scene)
+    added = document.scene.gaussians.means[count:]
+    high = added[added[:, 2] - 0.02 * added[:, 1] > 0.6]
+    assert len(high) > 50, "the wall behind is closed, too"
+    assert abs(np.median(high[:, 0]) - 6.0) < 0.8
+
+
+def test_what_was_put_elsewhere_leaves_nothing_where_it_stands(street):
+    document = Document(deepcopy(street.scene))
+    document.apply(MoveInstances((CAR,), (-3.0, -6.0, -0.12)))
+    report = report_deletion(document, (CAR,), 0.0)
+    assert report.hole is None
+    assert not len(report.residue)
 
 
 def test_locked_strays_are_spared(street):

@@ -40,11 +40,11 @@ def ground_color(places):
     return np.where(line[:, None], [0.9, 0.9, 0.88], color)
 
 
-def parked_street(views: bool = True, seed: int = 5) -> ParkedStreet:
-    """About 12,000 Gaussians; `views` = false leaves the cameras out."""
+def parked_street(views: bool = True, seed: int = 5, wall_top: float = 3.5) -> ParkedStreet:
+    """About 12,000 Gaussians; `views` = false leaves the cameras out; the wall is `wall_top` metres high."""
     rng = np.random.default_rng(seed)
     ground, ground_ids = _ground(rng)
-    wall = np.stack(np.meshgrid([6.0], np.arange(-12, 12, 0.2), np.arange(0.3, 3.5, 0.2)), axis=-1).reshape(-1, 3)
+    wall = np.stack(np.meshgrid([6.0], np.arange(-12, 12, 0.2), np.arange(0.3, wall_top, 0.2)), axis=-1).reshape(-1, 3)
     cars = [_shell(rng, 1500, center) for center in (CAR_CENTER, CAR_CENTER + np.array([0, 6.5, 0]))]
     standing = [wall, cars[1]]
     standing_ids = np.repeat([WALL, OTHER_CAR], [len(part) for part in standing])

@@ -20,7 +20,7 @@ from instdrive_core.edits.holes.ground_in_photo import GroundInPhoto, project_gr
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
 from instdrive_core.edits.holes.photo_evidence import MIN_COVER, Look
 from instdrive_core.edits.holes.seams import blend_copies
-from instdrive_core.edits.queries.compact_objects import is_compact
+from instdrive_core.edits.queries.compact_objects import is_compact, is_tall
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings
@@ -291,7 +291,7 @@ def _draw(
     opacities = np.where(present[nodes], gaussians.opacities, np.float32(0))
     frame = render_preview(means, quats, gaussians.log_scales, opacities, colors, camera, choose_raster_settings(scene))
     color = frame.color + render_sky_behind(scene.sky, camera, frame.alpha)
-    compact = [instance.id for instance in scene.table if is_compact(instance)]
+    things = [instance.id for instance in scene.table if is_compact(instance) and not is_tall(instance)]
     shown = (frame.winner >= 0) & (frame.winner < len(scene))
-    foreign = shown & np.isin(scene.instance_ids[np.where(shown, frame.winner, 0)], compact)
+    foreign = shown & np.isin(scene.instance_ids[np.where(shown, frame.winner, 0)], things)
     return color, frame.alpha, frame.depth, foreign.astype(np.float32)

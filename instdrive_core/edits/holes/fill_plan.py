@@ -11,7 +11,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
-from instdrive_core.edits.holes.ground_map import GROUND_BAND, GroundMap, build_ground_map
+from instdrive_core.edits.holes.ground_map import BARE, GROUND_BAND, GroundMap, build_ground_map
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells, profile_lines
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
@@ -111,7 +111,9 @@ def plan_fill(
     fine = build_ground_map(refine_grid(grid, DETAIL), near)
     offsets = np.repeat(np.repeat(sources - np.indices(hole.shape).transpose(1, 2, 0), DETAIL, 0), DETAIL, 1) * DETAIL
     fine_hole, fine_known = (np.kron(each, np.ones((DETAIL, DETAIL), bool)) for each in (hole, known))
-    colors = blend_copies(fine.color, fine_known, fine_hole, offsets)
+    broad = np.repeat(np.repeat(ground.color, DETAIL, axis=0), DETAIL, axis=1)
+    shown = np.where((fine.cover >= BARE)[..., None], fine.color, broad)
+    colors = blend_copies(shown, fine_known, fine_hole, offsets)
     surface = _lay_tiles(fine.grid, fine_hole, np.kron(heights, np.ones((DETAIL, DETAIL))))
     bed = _lay_tiles(grid, hole, heights - BED_DEPTH)
     bed_colors = colors.reshape(hole.shape[0], DETAIL, hole.shape[1], DETAIL, 3).mean(axis=(1, 3))[hole]

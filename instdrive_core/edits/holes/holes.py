@@ -16,11 +16,12 @@ from instdrive_core.edits.holes.cast_shadow import find_cast_shadow, find_shaded
 from instdrive_core.edits.holes.free_space import Occluder, build_occluder, count_sightings
 from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.ground_map import GroundMap, build_ground_map, find_solid_cells, find_walls
+from instdrive_core.edits.holes.ground_map import BARE, GroundMap, build_ground_map, find_solid_cells, find_walls
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane
 from instdrive_core.edits.holes.kept_footprint import find_kept_footprint
 from instdrive_core.edits.holes.photo_evidence import Look
 from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject, Surroundings, find_standing_objects
+from instdrive_core.edits.queries.compact_objects import is_tall
 from instdrive_core.edits.queries.placement import SOLID_OPACITY
 
 CELL = 0.2
@@ -51,6 +52,10 @@ BARE_COVER = 0.5
 """Share of light that cells stop at most through which the sky would show."""
 MAX_ISLAND = 0.6
 """Square metres of right-looking ground that a hole around it takes in."""
+LEAST_KNOWN = 1.0
+"""Metres of a line along the lane from which it is known what the ground there is like."""
+LINE_GAP = 0.8
+"""Metres between the lines in which a LiDAR meets the ground."""
 FOOTPRINT_MARGIN = 0.15
 """Metres around the footprint of what was deleted, where no photos say what is hidden."""
 
@@ -188,16 +193,29 @@ def build_ground_grid(found: Surroundings) -> GroundGrid | None:
 def find_known_ground(
     document: Document, grid: GroundGrid, near: Neighborhood
 ) -> tuple[GroundMap, Bool[ndarray, "a b"]]:
-    """The ground as it is now, and where it is known: solid, free, and shown by enough photos."""
+    """The ground as it is now, and where it is known: solid, free, and shown by enough photos where any are."""
     ground = build_ground_map(grid, near)
-    others = find_standing_objects(document, near)
+    table = document.scene.table
+    # Hulls of houses and trees reach over the ground before them and below.
+    others = tuple(each for each in find_standing_objects(document, near) if not is_tall(table[each.body.instance]))
     occluders = [each for each in (_make_occluder(one, grid) for one in others) if each is not None]
     points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
     seen, _ = count_sightings(points, document.scene.views, occluders, 0)
     known = find_solid_cells(ground) & ~ground.obstructed
     if (seen >= MIN_SIGHTINGS).any():
         known &= (seen >= MIN_SIGHTINGS).reshape(grid.shape)
-    return ground, known & ~grow_cells(find_covered_cells(others, grid), grid.size, EDGE)
+    free = ~ground.obstructed & ~grow_cells(find_covered_cells(others, grid), grid.size, EDGE)
+    return ground, (known & free) | (_find_hearsay(ground, known & free) & free)
+
+
+def _find_hearsay(ground: GroundMap, known: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+    """Cells on lines along the lane of which nothing is known, such as a pavement behind parked cars, that lie on or
+    between splats of ground: better the pavement as few photos saw it than the road in its place."""
+    unknown = known.sum(axis=0) * ground.grid.size < LEAST_KNOWN
+    size = 2 * round(LINE_GAP / ground.grid.size / 2) + 1
+    padded = np.pad(ground.cover >= BARE, size)
+    closed = np.asarray(ndimage.binary_closing(padded, np.ones((size, size))), bool)
+    return unknown & closed[size:-size, size:-size]
 
 
 def _find_hidden_cells(

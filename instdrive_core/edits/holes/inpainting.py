@@ -44,6 +44,10 @@ class ExemplarConfig:
     guide_penalty: float = 0.0
     """Added per mean squared difference of the guide where a piece comes from and where it goes: what belongs to the
     pavement is not copied onto the road."""
+    guide_reach: float = 0.05
+    """Difference of the guide up to which a piece is of what belongs there."""
+    told_share: float = 0.9
+    """Pieces may be so large that for this share of what the smallest ones can fill there are such pieces."""
     variety: float = 0.1
     """Share by which costs are drawn larger, so that no piece is repeated for a tiny advantage."""
 
@@ -65,7 +69,7 @@ def choose_source_cells(
     of every cell, known or not, what belongs there.
     """
     known = known & ~hole
-    window = _cut_window(known, config)
+    window = _cut_window(known, hole, config, guide)
     if window is None:
         return None
     pad = window // 2
@@ -142,11 +146,31 @@ def _measure_novelty(brought: Float64[ndarray, "c f v"], filled: Float64[ndarray
     return np.maximum(squares.min(axis=2), 0).mean(axis=1)
 
 
-def _cut_window(known: Bool[ndarray, "a b"], config: ExemplarConfig) -> int | None:
-    counts = {window: len(_find_whole_windows(known, window)) for window in config.windows}
-    enough = [window for window, count in counts.items() if count >= config.min_candidates]
-    some = [window for window, count in counts.items() if count]
+def _cut_window(
+    known: Bool[ndarray, "a b"],
+    hole: Bool[ndarray, "a b"],
+    config: ExemplarConfig,
+    guide: Float64[ndarray, "a b"] | None,
+) -> int | None:
+    """The largest size of which there are enough pieces, of whatever belongs into the hole; None where nothing is
+    known."""
+    found = {window: _find_whole_windows(known, window) for window in config.windows}
+    some = [window for window, middles in found.items() if len(middles)]
+    if guide is not None and some:
+        told = {window: _find_told_share(guide, found[window], hole, config.guide_reach) for window in some}
+        some = [window for window in some if told[window] >= config.told_share * max(told.values())]
+    enough = [window for window in some if len(found[window]) >= config.min_candidates]
     return next(iter(enough or some), None)
+
+
+def _find_told_share(
+    guide: Float64[ndarray, "a b"], middles: Int64[ndarray, "c 2"], hole: Bool[ndarray, "a b"], reach: float
+) -> float:
+    """Share of the hole for which there is a piece from where the guide says nearly the same."""
+    values = np.sort(guide[tuple(middles.T)])
+    asked = guide[hole]
+    near = np.searchsorted(values, asked + reach, "right") > np.searchsorted(values, asked - reach, "left")
+    return float(near.mean()) if len(near) else 1.0
 
 
 def _find_whole_windows(known: Bool[ndarray, "a b"], window: int) -> Int64[ndarray, "c 2"]:

@@ -22,7 +22,7 @@ from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import copy_transformed
+from instdrive_core.scene.transforms import copy_at_home, find_away
 
 MAX_LOOKS, MAX_WITNESSES = 10, 8
 """Photos that are asked: those that show most of the thing, and those that show most of what these did not reach."""
@@ -94,7 +94,8 @@ def gather_photo_evidence(
     """Compare the photos' views with and without groups of rows, deleted or not, each of one thing.
 
     `kept` are rows of the same things that stay: what shines through them was not seen past the thing. Things that
-    move hid nothing for long, so they are left out; None where nothing is left, or there are no photos.
+    move hid nothing for long, so they are left out; None where nothing is left, or there are no photos. Whatever was
+    moved by hand is where the photos saw it.
     """
     scene = document.scene
     still = [rows for rows in groups if len(rows) and np.count_nonzero(scene.nodes[rows]) < len(rows) / 2]
@@ -103,14 +104,14 @@ def gather_photo_evidence(
     solid = rows[sigmoid(scene.gaussians.opacity_logits[rows]) >= OWN_SHARE]
     if not len(solid) or not scene.views:
         return None
-    points = document.compute_means(solid).astype(np.float64)
+    points = copy_at_home(scene.gaussians, document.transforms, solid).means.astype(np.float64)
     chosen = _choose_views(scene.views, points)
     if not chosen:
         return None
     standing = (document.state.flags & Flag.DELETED) == 0
     standing[rows] = True
     alive = np.flatnonzero(standing)
-    drawn = copy_transformed(scene.gaussians, document.transforms, alive)
+    drawn = copy_at_home(scene.gaussians, document.transforms, alive)
     own = np.isin(alive, rows, assume_unique=True)
     tally = _Tally(len(alive), own | np.isin(alive, np.concatenate([np.zeros(0, np.int64), *kept])))
     looks = [tally.add(document, view, camera, drawn, alive, own) for view, camera in _sort_by_time(chosen)]
@@ -121,6 +122,7 @@ def gather_photo_evidence(
     for view, camera in _sort_by_time(witnesses):
         tally.add(document, view, camera, drawn, alive, own)
     movable = (scene.nodes[alive] == 0) & ~own & ((document.state.flags[alive] & Flag.LOCKED) == 0)
+    movable &= ~find_away(document.transforms, alive)
     if SYNTHETIC in scene.extra:
         movable &= scene.extra[SYNTHETIC][alive] == 0
     uncovered = movable & (tally.uncovered >= MIN_WEIGHT)

@@ -18,7 +18,7 @@ from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import bake_transforms, compute_current_means
+from instdrive_core.scene.transforms import bake_transforms, compute_current_means, find_away
 
 REACH = 14.0
 """Metres around the middle within which ground is looked at."""
@@ -40,7 +40,7 @@ class StandingObject:
 
 @dataclass(frozen=True)
 class Neighborhood:
-    """Background splats around a place, as they are now: neither deleted ones nor those of actors."""
+    """Background splats around a place, as they are now: none that are deleted, an actor's, or moved by hand."""
 
     rows: Int64[ndarray, " k"]
     """Row numbers in the document, rising."""
@@ -121,6 +121,7 @@ def find_neighborhood(
     offsets = np.abs(means[:, :2] - np.asarray(place[:2], np.float32))
     alive = (flags & Flag.DELETED) == 0
     rows = np.flatnonzero((offsets[:, 0] <= REACH) & (offsets[:, 1] <= REACH) & (scene.nodes == 0) & alive)
+    rows = rows[~find_away(document.transforms, rows)]
     if spared is not None:
         rows = np.setdiff1d(rows, spared, assume_unique=True)
     ids = scene.instance_ids[rows]

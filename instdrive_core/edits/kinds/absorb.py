@@ -22,7 +22,7 @@ from instdrive_core.instances.floaters import match_floaters
 from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import compute_current_means
+from instdrive_core.scene.transforms import compute_current_means, find_away
 from instdrive_core.wording import phrase
 
 _GROWTH, _SLACK = 1.2, 1.0
@@ -159,7 +159,7 @@ def _find_strays(
         return np.zeros(0, np.int64)
     near = _find_rows_around(document, body, members)
     owned = np.isin(near, members)
-    free = (flags[near] & (Flag.DELETED | Flag.LOCKED)) == 0
+    free = ((flags[near] & (Flag.DELETED | Flag.LOCKED)) == 0) & ~find_away(document.transforms, near)
     near, owned = near[free | owned], owned[free | owned]
     ids = scene.instance_ids[near]
     others = [other for other in np.unique(ids).tolist() if other in scene.table and other != instance_id]

@@ -36,6 +36,7 @@ from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import find_away
 from instdrive_core.wording import phrase
 
 
@@ -181,7 +182,8 @@ class FillHole(AppendEdit):
         if evidence is None:
             return plan
         plan = replace(plan, replaced=np.union1d(plan.replaced, lost))
-        left = np.setdiff1d(np.arange(len(document.scene)), plan.replaced, assume_unique=True)
+        rows = np.arange(len(document.scene))
+        left = np.setdiff1d(rows[~find_away(document.transforms, rows)], plan.replaced, assume_unique=True)
         deleted = document.state.find_mask(Flag.DELETED)
         ground = plan.build_splats(document.scene.gaussians)
         backdrop = plan_backdrop(bake_document(document, rows=left), ground, self.plane, evidence.looks, rng)
@@ -192,8 +194,9 @@ class FillHole(AppendEdit):
         deleted = document.state.find_mask(Flag.DELETED)
         if not rows:
             return None
-        kept = [each[~deleted[each]] for each in rows]
-        return gather_photo_evidence(document, [each[deleted[each]] for each in rows], kept)
+        gone = [each[deleted[each] | find_away(document.transforms, each)] for each in rows]
+        kept = [np.setdiff1d(each, part, assume_unique=True) for each, part in zip(rows, gone, strict=True)]
+        return gather_photo_evidence(document, gone, kept)
 
     def _plan_ground(self, document: Document, lost: Int64[ndarray, " l"], rng: np.random.Generator) -> FillPlan:
         cells = np.array(self.cells, np.int64)

@@ -14,6 +14,8 @@ from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject, fi
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
 
+TALLEST_VEHICLE = 4.3
+"""Metres."""
 FAR_STRAYS = replace(DEFAULT_CONFIG, stray_share=0.06)
 """For an instance whose bounds are an object's though more splats than usual lie far from it."""
 
@@ -49,3 +51,8 @@ def is_compact(instance: Instance) -> bool:
     large_enough = instance.count >= DEFAULT_CONFIG.min_gaussians and size[2] >= DEFAULT_CONFIG.min_height
     large_enough &= instance.class_name != SYNTHETIC
     return bool(large_enough and size[:2].max() <= DEFAULT_CONFIG.max_length)
+
+
+def is_tall(instance: Instance) -> bool:
+    """Whether an instance is taller than any vehicle, such as a narrow house or a tree."""
+    return bool(instance.bounds[1][2] - instance.bounds[0][2] > TALLEST_VEHICLE)

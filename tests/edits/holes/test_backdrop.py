@@ -4,13 +4,15 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from parked_street import CAR, parked_street
+from parked_street import CAR, WALL, parked_street
 
 from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.backdrop import continue_smoothly
 from instdrive_core.edits.holes.photo_evidence import gather_photo_evidence
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.instances.table import build_instance_table
+from instdrive_core.maths.spherical_harmonics import color_from_dc
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +46,18 @@ def test_photos_tell_what_they_reached_past_the_car(street):
     assert 0 < found.gap_share <= 1
 
 
-def test_the_wall_behind_is_closed_where_it_stands(street):
-    document = Document(deepcopy(street.scene))
+def narrow_houses(scene):
+    """The scene with its wall cut into fronts of 6 m."""
+    wall = scene.instance_ids == WALL
+    scene.instance_ids[wall] = 20 + ((scene.gaussians.means[wall, 1] + 12) // 6).astype(np.uint32)
+    scene.table = build_instance_table(scene.instance_ids, scene.gaussians.means, scene.codewords, None, {}, {})
+    return scene
+
+
+@pytest.mark.parametrize("houses", [False, True])
+def test_the_wall_behind_is_closed_where_it_stands(street, houses):
+    scene = narrow_houses(parked_street(wall_top=5.5).scene) if houses else deepcopy(street.scene)
+    document = Document(scene)
     document.apply(DeleteInstances((CAR,)))
     report = report_deletion(document, (CAR,), 0.0)
     assert report.hole.behind == (CAR,)
@@ -55,4 +67,6 @@ def test_the_wall_behind_is_closed_where_it_stands(street):
     high = means[means[:, 2] - 0.02 * means[:, 1] > 0.6]
     assert len(high) > 50
     assert abs(np.median(high[:, 0]) - 6.0) < 0.8, "the wall stands at x = 6, the car's far side at 2.9"
+    colors = color_from_dc(document.scene.gaussians.sh_dc[count:])[means[:, 2] - 0.02 * means[:, 1] > 0.6]
+    assert np.mean(colors[:, 0] - colors[:, 2] > 0.15) > 0.9, "brick, not paving stones"
     assert document.scene.extra["synthetic"][count:].all()

@@ -72,6 +72,26 @@ def test_a_kerb_goes_on_where_only_its_height_far_away_is_known() -> None:
     assert wrong[1] > 0.5
 
 
+def test_small_pieces_are_taken_where_only_they_are_of_what_belongs_there() -> None:
+    """A known strip of pavement is narrower than the largest pieces."""
+    rng = np.random.default_rng(0)
+    pavement = np.broadcast_to(np.arange(40) >= 20, (60, 40))
+    height = np.where(pavement, 0.12, 0.0)
+    color = np.where(pavement, 0.6, 0.3) + 0.02 * rng.standard_normal((60, 40))
+    hole, known = np.zeros((60, 40), bool), np.zeros((60, 40), bool)
+    hole[20:40, 10:30] = True
+    known[:, :20], known[45:, 25:29] = True, True
+    values = np.repeat(color[..., None], 3, axis=2)
+    right = []
+    for config in (GROUND_PIECES, replace(GROUND_PIECES, told_share=0.0)):
+        sources = choose_source_cells(values, known & ~hole, hole, np.random.default_rng(0), config, height)
+        assert sources is not None
+        paved = hole & pavement
+        right.append(np.mean(np.abs(color[tuple(sources[paved].T)] - color[paved]) < 0.1))
+    assert right[0] > 0.4
+    assert right[1] == 0
+
+
 def test_lines_without_known_cells_lie_between_their_neighbours() -> None:
     values = np.repeat(np.arange(5.0)[None] ** 2, 8, axis=0)
     known = np.ones((8, 5), bool)
