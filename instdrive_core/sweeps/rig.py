@@ -15,6 +15,10 @@ from instdrive_core.scene.camera import CameraView
 
 _RIG_FROM_CAMERA = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """From right, down, forward to forward, left, up."""
+_PARTS = 64
+"""Even parts of a step in which the rig's turn is taken to be the same."""
+_KEYS = 3 * _PARTS + 1
+"""Parts from a step before to a step behind."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +40,12 @@ class Rig:
         places = self.world_from_rig[:, :3, 3]
         quats = quaternion_from_matrix(self.world_from_rig[:, :3, :3])
         # Turns between two steps are small: a few even parts of each are exact enough, and quick.
-        parts = np.round(share * 64).astype(np.int64)
-        keys, inverse = np.unique(np.stack([lower, parts], axis=1), axis=0, return_inverse=True)
-        turned = [slerp(quats[low], quats[low + 1], part / 64) for low, part in keys.tolist()]
-        turns = matrix_from_quaternion(np.stack(turned))[inverse.reshape(-1)]
+        keys = lower * _KEYS + np.round(share * _PARTS).astype(np.int64) + _PARTS
+        used = np.flatnonzero(np.bincount(keys))
+        turned = [slerp(quats[key // _KEYS], quats[key // _KEYS + 1], key % _KEYS / _PARTS - 1) for key in used.tolist()]
+        numbers = np.zeros(int(keys.max(initial=0)) + 1, np.int64)
+        numbers[used] = np.arange(len(used))
+        turns = matrix_from_quaternion(np.stack(turned))[numbers[keys]]
         return places[lower] + share[:, None] * (places[lower + 1] - places[lower]), turns
 
 
