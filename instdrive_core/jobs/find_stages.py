@@ -1,0 +1,224 @@
+"""The stages of a job that finds the objects of a finished scene in photos and their masks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from instdrive_core.datasets.clip import Clip, ClipOptions
+from instdrive_core.datasets.registry import find_data_set, load_clip
+from instdrive_core.errors import DataError, EditError, OptionError
+from instdrive_core.evaluation.run_facts import FACTS, build_clip_options, read_run_facts
+from instdrive_core.files.atomic import write_bytes
+from instdrive_core.files.json_fields import read_json, require_field
+from instdrive_core.finding.known_photos import find_known_photos
+from instdrive_core.finding.learning import keep_masked_photos, learn_objects
+from instdrive_core.finding.photo_likeness import choose_placement
+from instdrive_core.finding.placement import list_placements, place_scene
+from instdrive_core.finding.relabeling import plan_relabeling
+from instdrive_core.finding.seen_objects import SeenObjects, read_seen_objects, write_seen_objects
+from instdrive_core.improving.base import MASK_FOLDER
+from instdrive_core.jobs.desk import JobDesk
+from instdrive_core.jobs.job_file import EDITS, JobRequest, JobStage, locate_job_file, locate_project
+from instdrive_core.jobs.source import MaskPlan, find_missing, list_mask_plans
+from instdrive_core.jobs.stages import StageWork
+from instdrive_core.masks.label_map_folder import SIDECAR, MaskFolder, open_masks
+from instdrive_core.masks.making import make_masks
+from instdrive_core.masks.photo_fit import describe_misfit
+from instdrive_core.masks.sources import SourceOptions
+from instdrive_core.progress import report_to
+from instdrive_core.project.open import open_document
+from instdrive_core.project.save import save_project
+from instdrive_core.project.sources import SceneSource, get_sources, open_scene_source
+from instdrive_core.scene.scene import Scene
+from instdrive_core.wording import format_count, phrase
+
+_TAKEN = "taken.json"
+_MADE: tuple[MaskPlan, ...] = ("exact", "annotations", "lidar", "sam")
+"""Sources that a request can name in place of a folder."""
+
+
+@dataclass(frozen=True)
+class _MaskChoice:
+    """Where the masks come from: a finished folder, or a source that makes them."""
+
+    folder: Path | None = None
+    source: str = ""
+    options: SourceOptions = SourceOptions()  # noqa: RUF009 (frozen)
+
+
+def plan_finding_stages(request: JobRequest) -> tuple[JobStage, ...]:
+    """Plan the stages of finding objects, and check before anything is written that it can be done.
+
+    Raises OptionError where photos or masks are missing, DataError where something cannot be read.
+    """
+    if problem := find_missing("torch"):
+        raise OptionError(problem)
+    source = Path(request.source)
+    if not source.exists():
+        raise DataError(source, "there is no such scene or project", "Check the path")
+    scene = get_sources(open_document(source)[0]).base.path
+    clip = _open_clip(scene, _locate_photos(scene, request.clip))
+    choice = _choose_masks(scene, clip, request.masks)
+    return tuple(
+        JobStage(stage.name, stage.title) for stage in FINDING_STAGES if stage.name != "masks" or choice.folder is None
+    )
+
+
+def _locate_photos(scene: Path, asked: str) -> Path:
+    photos = Path(asked) if asked else find_known_photos(scene)
+    if photos is None:
+        raise OptionError(
+            f"{scene}: nothing tells which photos show it. Name the folder with photos and poses: --photos"
+        )
+    if not photos.exists():
+        raise DataError(photos, "there is no such folder", "Choose the folder with photos and poses of the scene")
+    if find_data_set(str(photos)) is None:
+        raise DataError(
+            photos,
+            "holds no photos with poses that this program reads",
+            "Choose what the scene was trained with: a COLMAP model, nerfstudio's transforms.json, or a drive",
+        )
+    return photos
+
+
+def _open_clip(scene: Path, photos: Path) -> Clip:
+    """Open the photos: the part that the scene's run was trained on where they are its clip, else all."""
+    run, options = scene if scene.is_dir() else scene.parent, ClipOptions()
+    if (run / FACTS).is_file():
+        facts = read_run_facts(run)
+        if Path(facts["clip"]).resolve() == photos.resolve():
+            options = build_clip_options(facts)
+    clip = load_clip(str(photos), options)
+    if not clip.training_frames:
+        raise DataError(photos, "no photo of a training time step was found", "Choose a folder with more photos")
+    return clip
+
+
+def _choose_masks(scene: Path, clip: Clip, asked: str) -> _MaskChoice:
+    """Choose what was asked for, else the clip's own masks, those of the scene's run, or the best that can be made."""
+    if asked in _MADE:
+        return _MaskChoice(source=asked)
+    if asked and asked != "own":
+        folder = Path(asked)
+        if not folder.is_dir():
+            raise DataError(folder, "there is no such folder", "Choose the folder with a label map for each photo")
+        if (folder / SIDECAR).is_file():
+            return _MaskChoice(folder)
+        return _MaskChoice(source="import", options=SourceOptions(imported=folder))
+    for folder in (Path(clip.path) / "masks", *_list_run_masks(scene)):
+        if (folder / SIDECAR).is_file() and _hold_photos(open_masks(folder), clip):
+            return _MaskChoice(folder)
+    plan = next((plan for plan in list_mask_plans(clip) if plan in _MADE), None)
+    if plan is None:
+        raise OptionError(
+            f"{clip.path}: there are no masks, and nothing to make them of. Choose a folder with a label map for each "
+            "photo (--masks), or let Segment Anything make them: pip install 'instdrive[sam]'"
+        )
+    return _MaskChoice(source=plan)
+
+
+def _list_run_masks(scene: Path) -> list[Path]:
+    run = scene if scene.is_dir() else scene.parent
+    if not (run / FACTS).is_file():
+        return []
+    named = read_run_facts(run).get(MASK_FOLDER)
+    return [*([Path(named)] if isinstance(named, str) else []), run / "masks"]
+
+
+def _hold_photos(masks: MaskFolder, clip: Clip) -> bool:
+    return any(frame.key in masks.counts for frame in clip.training_frames)
+
+
+def _take(desk: JobDesk) -> None:
+    """Find out where the scene, without edits, lies among the photos; the project may change while the job runs."""
+    asked, kept = desk.state.request, locate_job_file(desk.run, EDITS)
+    desk.advance("opening the scene")
+    document, _ = open_document(kept if kept.is_file() else Path(asked.source))
+    orientation, base = document.orientation, get_sources(document).base
+    del document
+    scene, source = open_scene_source(base.path, base.keep_every)
+    clip = _open_clip(base.path, _locate_photos(base.path, asked.clip))
+    with report_to(lambda share: desk.advance("comparing the scene with the photos", share)):
+        matrix = choose_placement(scene, clip, list_placements(scene, clip, orientation), str(base.path))
+    content = {
+        "scene": str(source.path),
+        "sha256": source.identity.sha256,
+        "keep_every": source.keep_every,
+        "clip": str(Path(clip.path).resolve()),
+        "matrix": matrix.tolist(),
+    }
+    write_bytes(locate_job_file(desk.run, _TAKEN), json.dumps(content).encode())
+
+
+def _open_taken_clip(desk: JobDesk) -> tuple[Path, Clip]:
+    file = locate_job_file(desk.run, _TAKEN)
+    content = read_json(file)
+    scene = Path(require_field(file, content, "scene"))
+    return scene, _open_clip(scene, Path(require_field(file, content, "clip")))
+
+
+def _open_taken_scene(desk: JobDesk, clip: Clip) -> tuple[Scene, SceneSource]:
+    """Open the scene, in the clip's world. Raises DataError where it is no longer the same."""
+    file = locate_job_file(desk.run, _TAKEN)
+    content = read_json(file)
+    scene, source = open_scene_source(
+        Path(require_field(file, content, "scene")), require_field(file, content, "keep_every")
+    )
+    if source.identity.sha256 != require_field(file, content, "sha256"):
+        raise DataError(source.path, "is no longer the scene that the job began with", "Find the objects again")
+    return place_scene(scene, np.array(require_field(file, content, "matrix"), np.float64), clip.origin), source
+
+
+def _make_masks(desk: JobDesk) -> None:
+    scene, clip = _open_taken_clip(desk)
+    choice, total = _choose_masks(scene, clip, desk.state.request.masks), max(len(clip.training_frames), 1)
+
+    def show(done: int) -> None:
+        desk.advance(f"masks of {total} photos", done / total)
+
+    made = make_masks(clip, choice.source, desk.run / "masks", on_frame=show, options=choice.options)
+    desk.note(f"{sum(made.counts.values()):,} masks in {len(made.counts)} photos")
+
+
+def _learn(desk: JobDesk) -> None:
+    path, clip = _open_taken_clip(desk)
+    choice = _choose_masks(path, clip, desk.state.request.masks)
+    masks = open_masks(desk.run / "masks" if choice.folder is None else choice.folder)
+    misfit = describe_misfit(keep_masked_photos(clip, masks), masks)
+    if misfit is not None:
+        desk.note(misfit)
+    scene, source = _open_taken_scene(desk, clip)
+    if (source.path if source.path.is_dir() else source.path.parent).joinpath(FACTS).is_file():
+        clip = clip.with_cameras(scene.views)  # where training found them
+    with report_to(lambda share: desk.advance("looking at the masks", share)):
+        learned = learn_objects(scene, clip, masks, desk.advance)
+    found = SeenObjects(learned.numbers, learned.classes, learned.photos, source.identity.sha256)
+    write_seen_objects(desk.run, found)
+    photos = format_count(found.photos, "photo")
+    desk.note(f"{format_count(len(found.classes), 'object')} in the masks of {photos}")
+
+
+def _keep(desk: JobDesk) -> None:
+    """Write a project with the objects, for whoever is not an editor that waits for them."""
+    asked, kept = desk.state.request, locate_job_file(desk.run, EDITS)
+    desk.advance("writing the project")
+    document, view = open_document(kept if kept.is_file() else Path(asked.source))
+    try:
+        document.apply(plan_relabeling(document, read_seen_objects(desk.run), asked.replaces))
+    except EditError as error:
+        desk.note(str(error))
+        return
+    save_project(locate_project(desk.run), document, view)
+
+
+FINDING_STAGES = (
+    StageWork("take", phrase("Scene and photos"), lambda facts: True, _take),
+    StageWork("masks", phrase("Masks"), lambda facts: True, _make_masks),
+    StageWork("learn", phrase("Objects"), lambda facts: True, _learn),
+    StageWork("keep", phrase("Edits"), lambda facts: True, _keep),
+)
+"""All stages in order."""
