@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from instdrive_core.datasets.registry import find_data_set
+from instdrive_core.datasets.colmap.clips import holds_colmap
+from instdrive_core.datasets.nerfstudio import holds_nerfstudio
 from instdrive_core.errors import InstDriveError
 from instdrive_core.evaluation.run_facts import FACTS, read_run_facts
 
@@ -18,7 +19,7 @@ def find_known_photos(scene: Path) -> Path | None:
     """Find the folder of photos and poses that a scene's file, or folder, was made of; None where nothing tells.
 
     A run names its clip, and the INRIA trainer its source; else it is the folder that the scene lies in, or the one
-    above that, if it is a data set. Damaged files count as none.
+    above that, if it is a COLMAP model or has nerfstudio's ``transforms.json``. Damaged files count as none.
     """
     folder = scene if scene.is_dir() else scene.parent
     if (folder / FACTS).is_file():
@@ -26,9 +27,9 @@ def find_known_photos(scene: Path) -> Path | None:
     above = [folder, *list(folder.parents)[:2]]
     for place in above:
         source = _read_trainer_source(place / _SETTINGS)
-        if source is not None and _is_data_set(source):
+        if source is not None and source.is_dir():
             return source
-    return next((place for place in above[:2] if _is_data_set(place)), None)
+    return next((place for place in above[:2] if holds_nerfstudio(place) or holds_colmap(place)), None)
 
 
 def _find_clip_of_run(run: Path) -> Path | None:
@@ -46,10 +47,3 @@ def _read_trainer_source(settings: Path) -> Path | None:
     except (OSError, UnicodeDecodeError):
         return None
     return None if found is None else Path(found.group(1))
-
-
-def _is_data_set(folder: Path) -> bool:
-    try:
-        return folder.is_dir() and find_data_set(str(folder)) is not None
-    except (InstDriveError, OSError):
-        return False

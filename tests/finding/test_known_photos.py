@@ -26,7 +26,9 @@ def test_a_run_names_its_clip_and_another_trainer_its_source(tmp_path):
 
 
 def test_a_scene_beside_its_photos(tmp_path):
-    clip = write_small_clip(tmp_path / "clip")
+    clip = tmp_path / "clip"
+    clip.mkdir()
+    (clip / "transforms.json").write_text("{}")
     assert find_known_photos(clip / "scene.ply") == clip
     assert find_known_photos(clip / "export" / "scene.ply") == clip
     assert find_known_photos(tmp_path / "scene.ply") is None

@@ -61,7 +61,13 @@ def write_photographed_street(folder: Path, with_masks: bool = True) -> Photogra
 def _look(number: int) -> CameraView:
     eye = np.array([-0.6, -3.0 + 1.6 * number, 1.8])
     camera = Camera(
-        FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT, look_at(eye, eye + [3.0 * (-1) ** number, 9, -1.0])
+        FOCAL,
+        FOCAL,
+        WIDTH / 2,
+        HEIGHT / 2,
+        WIDTH,
+        HEIGHT,
+        look_at(eye, eye + np.array([3.0 * (-1) ** number, 9, -1.0])),
     )
     return CameraView(camera, "camera", number, 0.1 * number, f"images/{number:03d}.png")
 
