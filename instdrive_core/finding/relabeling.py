@@ -11,6 +11,7 @@ from instdrive_core.edits.kinds.labels.relabel_rows import RelabelRows
 from instdrive_core.errors import EditError
 from instdrive_core.finding.seen_objects import SeenObjects
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import phrase
 
 _PROTECTED = np.uint8(Flag.DELETED | Flag.HIDDEN | Flag.LOCKED)
 _JOINS = 0.5
@@ -27,7 +28,7 @@ def plan_relabeling(document: Document, found: SeenObjects, replaces: bool) -> R
     """
     count = len(found.numbers)
     if count > len(document.scene):
-        raise EditError(f"the objects were found in another scene, of {count:,} splats")
+        raise EditError(phrase("the objects were found in another scene, of {count:,} splats", count=count))
     now, flags = document.scene.instance_ids[:count], document.state.flags[:count]
     free = ((flags & _PROTECTED) == 0) & (found.numbers > 0)
     if not replaces:

@@ -28,7 +28,6 @@ from instdrive_core.wording import format_count, phrase
 
 _FOLDER = "objects"
 """Folder of the jobs, below that of the program's state: nobody has to name one."""
-_MOST_FOLDERS = 10_000
 
 
 @dataclass(frozen=True)
@@ -139,11 +138,13 @@ class ObjectFinder:
 def _make_folder(name: str) -> Path:
     """Make a new folder for a job, named after its scene."""
     plain = re.sub(r"[^\w. -]", "", name).strip(". ") or "scene"
-    for number in range(1, _MOST_FOLDERS):
-        folder = find_state_folder() / _FOLDER / (f"Objects of {plain}" + (f" {number}" if number > 1 else ""))
+    parent = find_state_folder() / _FOLDER
+    number = 1
+    while True:
+        folder = parent / (f"{plain} objects" if number == 1 else f"{plain} objects {number}")
         try:
             folder.mkdir(parents=True)
         except FileExistsError:
+            number += 1
             continue
         return folder
-    raise EditError(f"{find_state_folder() / _FOLDER}: there are too many folders; delete old ones")

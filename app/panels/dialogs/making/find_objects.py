@@ -76,7 +76,7 @@ class FindObjectsDialog:
             imgui.text_colored(rgba(ERROR), translate(problem))
             imgui.pop_text_wrap_pos()
             ui.mark("find.obstacle")
-        if draw_confirm_buttons(ui, "Find", entered, is_ready and not problem):
+        if draw_confirm_buttons(ui, "Find objects", entered, is_ready and not problem):
             self._begin(ui)
         imgui.end_popup()
 
@@ -88,7 +88,7 @@ class FindObjectsDialog:
         if imgui.radio_button(make_label("From photos and their masks"), self._by_photos):
             self._by_photos = True
         ui.mark("find.photos")
-        draw_dim_text(translate("What is one thing in the photos becomes an object: finer, and also what touches."))
+        draw_dim_text(translate("What is one thing in the photos becomes an object, though it may touch others."))
 
     def _draw_masks(self, ui: Ui, look: SourceLook | None) -> None:
         """Where the masks come from: the best by itself, others that the photos allow, or a folder."""
@@ -96,6 +96,7 @@ class FindObjectsDialog:
         offered = [_BEST, *(plan for plan in plans[1:] if plan in MASKS), _FOLDER]
         if self._masks not in offered:
             self._masks = _BEST
+        imgui.align_text_to_frame_padding()
         imgui.text(translate("Masks"))
         imgui.same_line(9 * imgui.get_font_size())
         imgui.set_next_item_width(-1)

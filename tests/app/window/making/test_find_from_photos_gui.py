@@ -1,4 +1,4 @@
-"""Objects of a scene without instances are found in photos and their masks, in the real window; a car is clicked then."""
+"""Objects of a bare scene are found in photos and masks, in the real window; one is clicked, and they are kept."""
 
 import shutil
 
@@ -8,9 +8,6 @@ from window_driver import PATIENCE, editor_window
 
 from instdrive_core.edits.kinds.labels.relabel_rows import RelabelRows
 from instdrive_core.project.open import open_project
-
-CAR = (3.0, 18.0, 0.75)
-"""Middle of a parked car, in the street's own world."""
 
 
 @pytest.mark.gui
@@ -36,7 +33,7 @@ def test_objects_are_found_in_photos_and_kept_in_the_project(tmp_path):
         window.key("ctrl+z")
         window.wait_for(lambda state: state["visible"] == [], "no instance after undo")
         window.key("ctrl+y")
-        window.wait_for_edit("Find objects")
+        window.wait_for(lambda state: len(state["visible"]) >= 8, "the objects after redo")
         window.key("ctrl+shift+s")
         window.enter_path(project)
         window.wait_for(lambda state: not state["unsaved"], "the project to be saved", PATIENCE)
