@@ -18,9 +18,10 @@ from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.transforms import Similarity
 
-LEAST_LIKENESS = 0.25
-"""Correlation of detail below which a scene is another one, or lies elsewhere. A short training of a street has 0.9 at
-its place, 0.45 half a metre beside it, and at most 0.1 where it is turned or metres away."""
+LEAST_LIKENESS, GOOD_LIKENESS = 0.4, 0.6
+"""Correlation of detail below which a scene is another one or lies elsewhere, and from which all is well. A short
+training of PandaSet has 0.92 with photos of the camera it was trained on and 0.80 with those of all six at its place,
+0.64 half a metre beside it, 0.47 at 1 m, 0.23 at 3 m, and at most 0.14 where it is turned."""
 LEAST_SHOWN = 0.05
 """Share of a photo that the scene must cover for the photo to be compared."""
 _LOOKED_AT = 9
@@ -45,8 +46,10 @@ class PhotoLikeness:
         return self.likeness >= LEAST_LIKENESS
 
 
-def choose_placement(scene: Scene, clip: Clip, placements: Sequence[Similarity], named: str) -> Similarity:
-    """Choose the place, of some, at which a scene shows what the photos of a clip show.
+def choose_placement(
+    scene: Scene, clip: Clip, placements: Sequence[Similarity], named: str
+) -> tuple[Similarity, PhotoLikeness]:
+    """Choose the place, of some, at which a scene shows what the photos of a clip show, and say how well it does.
 
     Raises DataError where it does at none, or a photo is damaged; `named` is what the user calls the scene.
     """
@@ -58,7 +61,7 @@ def choose_placement(scene: Scene, clip: Clip, placements: Sequence[Similarity],
         found.append(measure_likeness(place_scene(scene, matrix, clip.origin), [frames[place] for place in chosen]))
     best = max(range(len(found)), key=lambda number: found[number].likeness)
     if found[best].fits:
-        return placements[best]
+        return placements[best], found[best]
     shown = max(one.shown for one in found)
     if shown < LEAST_SHOWN:
         problem = f"hardly any of the scene {named} lies before its cameras ({shown:.0%} of the photos show it)"

@@ -28,8 +28,8 @@ def list_placements(scene: Scene, clip: Clip, orientation: Similarity) -> list[S
     """List the places that a scene may have among a clip's photos, as [s R | t] from its coordinates to the clip's.
 
     They are: where it lies as it is, also where its file has lost the clip's origin, each of them with and without the
-    user's turns, where the photos' own files have their world, and where the cameras that the scene knows of the same
-    photos are. Equal ones are listed once.
+    user's turns; where the photos' own files have their world; where drivestudio's training from the clip's first step
+    has it; and where the cameras that the scene knows of the same photos are. Equal ones are listed once.
 
     Args:
         scene: as its file has it.
@@ -42,6 +42,9 @@ def list_placements(scene: Scene, clip: Clip, orientation: Similarity) -> list[S
         to_clip = np.c_[np.eye(3), -clip.origin]
         from_file = compose_transforms(clip.world_from_file, np.c_[np.eye(3), scene.origin])
         places.append(compose_transforms(to_clip, from_file))
+    if clip.start_poses:
+        start = clip.start_poses[min(clip.start_poses)][:3]
+        places.append(np.c_[start[:, :3], start[:, 3] - clip.origin])
     by_cameras = align_cameras(scene.views, tuple(frame.view for frame in clip.frames))
     if by_cameras is not None:
         places.append(by_cameras)

@@ -27,7 +27,7 @@ class SeenObjects:
     """Which object each splat of a scene belongs to, by the masks of photos."""
 
     numbers: UInt32[ndarray, " n"]
-    """Of each row of the scene's file: 1, 2, … by falling number of splats; 0 = none."""
+    """1, 2, … by falling number of splats, for each row of the scene's file; 0 = none."""
     classes: tuple[str, ...]
     """Class of each object, in order of the numbers; empty = unknown."""
     photos: int

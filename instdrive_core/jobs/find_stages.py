@@ -16,7 +16,7 @@ from instdrive_core.files.atomic import write_bytes
 from instdrive_core.files.json_fields import read_json, require_field
 from instdrive_core.finding.known_photos import find_known_photos
 from instdrive_core.finding.learning import keep_masked_photos, learn_objects
-from instdrive_core.finding.photo_likeness import choose_placement
+from instdrive_core.finding.photo_likeness import GOOD_LIKENESS, choose_placement
 from instdrive_core.finding.placement import list_placements, place_scene
 from instdrive_core.finding.relabeling import plan_relabeling
 from instdrive_core.finding.seen_objects import SeenObjects, read_seen_objects, write_seen_objects
@@ -143,7 +143,12 @@ def _take(desk: JobDesk) -> None:
     scene, source = open_scene_source(base.path, base.keep_every)
     clip = _open_clip(base.path, _locate_photos(base.path, asked.clip))
     with report_to(lambda share: desk.advance("comparing the scene with the photos", share)):
-        matrix = choose_placement(scene, clip, list_placements(scene, clip, orientation), str(base.path))
+        matrix, match = choose_placement(scene, clip, list_placements(scene, clip, orientation), str(base.path))
+    if match.likeness < GOOD_LIKENESS:
+        desk.note(
+            f"Scene and photos agree by {match.likeness:.2f} only: where the scene lies beside what they show, objects "
+            "take in splats around them"
+        )
     content = {
         "scene": str(source.path),
         "sha256": source.identity.sha256,
