@@ -13,7 +13,7 @@ from scipy import ndimage
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.finding.placement import place_scene
-from instdrive_core.progress import report
+from instdrive_core.progress import report, report_span
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.transforms import Similarity
@@ -49,16 +49,19 @@ class PhotoLikeness:
 def choose_placement(
     scene: Scene, clip: Clip, placements: Sequence[Similarity], named: str
 ) -> tuple[Similarity, PhotoLikeness]:
-    """Choose the place, of some, at which a scene shows what the photos of a clip show, and say how well it does.
+    """Choose the first place, of some, at which a scene shows well what the photos of a clip show, else the best.
 
+    Returns it, and how well scene and photos agree there. Reports its progress (`progress.report`).
     Raises DataError where it does at none, or a photo is damaged; `named` is what the user calls the scene.
     """
     frames = clip.training_frames
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _LOOKED_AT)).round().astype(int))
     found: list[PhotoLikeness] = []
     for number, matrix in enumerate(placements):
-        report(number / len(placements))
-        found.append(measure_likeness(place_scene(scene, matrix, clip.origin), [frames[place] for place in chosen]))
+        with report_span(number / len(placements), (number + 1) / len(placements)):
+            found.append(measure_likeness(place_scene(scene, matrix, clip.origin), [frames[place] for place in chosen]))
+        if found[-1].likeness >= GOOD_LIKENESS:
+            break
     best = max(range(len(found)), key=lambda number: found[number].likeness)
     if found[best].fits:
         return placements[best], found[best]
@@ -68,16 +71,20 @@ def choose_placement(
     else:
         problem = (
             f"its photos do not show the scene {named}: drawn from where they were taken, it agrees with them by "
-            f"{found[best].likeness:.2f}, and {LEAST_LIKENESS} is the least"
+            f"{max(found[best].likeness, 0.0):.2f}, and {LEAST_LIKENESS} is the least"
         )
     remedy = "Choose the photos and poses that the scene was trained with, in the same world: origin, axes and unit"
     raise DataError(clip.path, problem, remedy)
 
 
 def measure_likeness(scene: Scene, frames: Sequence[Frame]) -> PhotoLikeness:
-    """Measure how well a scene, in the world of some photos, agrees with them; sky and exposure do not count."""
+    """Measure how well a scene, in the world of some photos, agrees with them; sky and exposure do not count.
+
+    Reports its progress (`progress.report`).
+    """
     bare, likeness, shown = replace(scene, sky=None), [], []
-    for frame in frames:
+    for number, frame in enumerate(frames):
+        report(number / len(frames))
         drawn = view_scene(bare, frame.view.camera, frame.view.time)
         there = drawn.alpha > 0.5
         shown.append(float(there.mean()))

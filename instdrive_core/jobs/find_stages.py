@@ -30,8 +30,8 @@ from instdrive_core.masks.making import make_masks
 from instdrive_core.masks.photo_fit import describe_misfit
 from instdrive_core.masks.sources import SourceOptions
 from instdrive_core.progress import report_to
-from instdrive_core.project.open import open_document
-from instdrive_core.project.save import save_project
+from instdrive_core.project.open import locate_project_base, open_document
+from instdrive_core.project.save import is_project, save_project
 from instdrive_core.project.sources import SceneSource, get_sources, open_scene_source
 from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import format_count, phrase
@@ -60,7 +60,7 @@ def plan_finding_stages(request: JobRequest) -> tuple[JobStage, ...]:
     source = Path(request.source)
     if not source.exists():
         raise DataError(source, "there is no such scene or project", "Check the path")
-    scene = get_sources(open_document(source)[0]).base.path
+    scene = locate_project_base(source) if is_project(source) else source.absolute()
     clip = _open_clip(scene, _locate_photos(scene, request.clip))
     choice = _choose_masks(scene, clip, request.masks)
     return tuple(
@@ -143,7 +143,9 @@ def _take(desk: JobDesk) -> None:
     scene, source = open_scene_source(base.path, base.keep_every)
     clip = _open_clip(base.path, _locate_photos(base.path, asked.clip))
     with report_to(lambda share: desk.advance("comparing the scene with the photos", share)):
-        matrix, match = choose_placement(scene, clip, list_placements(scene, clip, orientation), str(base.path))
+        matrix, match = choose_placement(
+            scene, clip, list_placements(scene, clip, orientation), str(base.path.resolve())
+        )
     if match.likeness < GOOD_LIKENESS:
         desk.note(
             f"Scene and photos agree by {match.likeness:.2f} only: where the scene lies beside what they show, objects "

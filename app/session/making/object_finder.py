@@ -117,8 +117,11 @@ class ObjectFinder:
         except EditError as error:
             self._context.messages.error(str(error))
             return
+        had_none = not len(document.scene.table)
         if not self._context.apply(edit):
             return
+        if had_none:  # a region would have selected no instance before
+            self._context.state.region_splats = False
         self._making.known.remove(run)
         self._context.messages.info(
             phrase(

@@ -17,9 +17,9 @@ def find_objects_in_photos(
     masks: str = "",
     replace: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
-    """Find the objects of a finished scene in photos and their masks; no splat changes but for its instance.
+    """Find the objects of a finished scene in photos and their masks.
 
-    The folder that is written gets a project of the scene with the objects as its last edit. What was stopped or killed
+    Splats stay as they are but for their instance. The folder that is written gets a project of the scene with the objects as its last edit. What was stopped or killed
     goes on where it was when the same command is given again.
 
     Args:
