@@ -9,6 +9,7 @@ from instdrive_core.datasets.colmap.clips import holds_colmap
 from instdrive_core.datasets.nerfstudio import holds_nerfstudio
 from instdrive_core.errors import InstDriveError
 from instdrive_core.evaluation.run_facts import FACTS, read_run_facts
+from instdrive_core.finding.clip_of_cameras import find_inria_cameras
 
 _SETTINGS = "cfg_args"
 _MOST_BYTES = 1 << 20
@@ -18,8 +19,9 @@ _SOURCE = re.compile(r"source_path='([^'\n]{1,1000})'")
 def find_known_photos(scene: Path) -> Path | None:
     """Find the folder of photos and poses that a scene's file, or folder, was made of; None where nothing tells.
 
-    A run names its clip, and the INRIA trainer its source; else it is the folder that the scene lies in, or the one
-    above that, if it is a COLMAP model or has nerfstudio's ``transforms.json``. Damaged files count as none.
+    A run names its clip, and the INRIA trainer its source, or there are photos beside its ``cameras.json``; else it is
+    the folder that the scene lies in, or the one above that, if it is a COLMAP model or has nerfstudio's
+    ``transforms.json``. Damaged files count as none.
     """
     folder = scene if scene.is_dir() else scene.parent
     if (folder / FACTS).is_file():
@@ -29,6 +31,9 @@ def find_known_photos(scene: Path) -> Path | None:
         source = _read_trainer_source(place / _SETTINGS)
         if source is not None and source.is_dir():
             return source
+    cameras = find_inria_cameras(scene)
+    if cameras is not None and (cameras.parent / "images").is_dir():
+        return cameras.parent / "images"
     return next((place for place in above[:2] if holds_nerfstudio(place) or holds_colmap(place)), None)
 
 

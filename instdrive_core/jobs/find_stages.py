@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from instdrive_core.datasets.clip import Clip, ClipOptions
-from instdrive_core.datasets.registry import find_data_set, load_clip
+from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError, EditError, OptionError
-from instdrive_core.evaluation.run_facts import FACTS, build_clip_options, read_run_facts
+from instdrive_core.evaluation.run_facts import FACTS
 from instdrive_core.files.atomic import write_bytes
 from instdrive_core.files.json_fields import read_json, require_field
-from instdrive_core.finding.known_photos import find_known_photos
 from instdrive_core.finding.learning import keep_masked_photos, learn_objects
 from instdrive_core.finding.photo_likeness import GOOD_LIKENESS, choose_placement
 from instdrive_core.finding.placement import list_placements, place_scene
 from instdrive_core.finding.relabeling import plan_relabeling
 from instdrive_core.finding.seen_objects import SeenObjects, read_seen_objects, write_seen_objects
-from instdrive_core.improving.base import MASK_FOLDER
 from instdrive_core.jobs.desk import JobDesk
+from instdrive_core.jobs.find_source import choose_mask_origin, locate_photos, open_photos
 from instdrive_core.jobs.job_file import EDITS, JobRequest, JobStage, locate_job_file, locate_project
-from instdrive_core.jobs.source import MaskPlan, find_missing, list_mask_plans
+from instdrive_core.jobs.source import find_missing
 from instdrive_core.jobs.stages import StageWork
-from instdrive_core.masks.label_map_folder import SIDECAR, MaskFolder, open_masks
+from instdrive_core.masks.label_map_folder import open_masks
 from instdrive_core.masks.making import make_masks
 from instdrive_core.masks.photo_fit import describe_misfit
-from instdrive_core.masks.sources import SourceOptions
 from instdrive_core.progress import report_to
 from instdrive_core.project.open import locate_project_base, open_document
 from instdrive_core.project.save import is_project, save_project
@@ -37,17 +33,6 @@ from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import format_count, phrase
 
 _TAKEN = "taken.json"
-_MADE: tuple[MaskPlan, ...] = ("exact", "annotations", "lidar", "sam")
-"""Sources that a request can name in place of a folder."""
-
-
-@dataclass(frozen=True)
-class _MaskChoice:
-    """Where the masks come from: a finished folder, or a source that makes them."""
-
-    folder: Path | None = None
-    source: str = ""
-    options: SourceOptions = SourceOptions()  # noqa: RUF009 (frozen)
 
 
 def plan_finding_stages(request: JobRequest) -> tuple[JobStage, ...]:
@@ -58,79 +43,19 @@ def plan_finding_stages(request: JobRequest) -> tuple[JobStage, ...]:
     if problem := find_missing("torch"):
         raise OptionError(problem)
     source = Path(request.source)
-    if not source.exists():
-        raise DataError(source, "there is no such scene or project", "Check the path")
-    scene = locate_project_base(source) if is_project(source) else source.absolute()
-    clip = _open_clip(scene, _locate_photos(scene, request.clip))
-    choice = _choose_masks(scene, clip, request.masks)
+    scene = locate_scene(source)
+    clip = open_photos(scene, locate_photos(scene, request.clip))
+    choice = choose_mask_origin(scene, clip, request.masks)
     return tuple(
         JobStage(stage.name, stage.title) for stage in FINDING_STAGES if stage.name != "masks" or choice.folder is None
     )
 
 
-def _locate_photos(scene: Path, asked: str) -> Path:
-    photos = Path(asked) if asked else find_known_photos(scene)
-    if photos is None:
-        raise OptionError(
-            f"{scene}: nothing tells which photos show it. Name the folder with photos and poses: --photos"
-        )
-    if not photos.exists():
-        raise DataError(photos, "there is no such folder", "Choose the folder with photos and poses of the scene")
-    if find_data_set(str(photos)) is None:
-        raise DataError(
-            photos,
-            "holds no photos with poses that this program reads",
-            "Choose what the scene was trained with: a COLMAP model, nerfstudio's transforms.json, or a drive",
-        )
-    return photos
-
-
-def _open_clip(scene: Path, photos: Path) -> Clip:
-    """Open the photos: the part that the scene's run was trained on where they are its clip, else all."""
-    run, options = scene if scene.is_dir() else scene.parent, ClipOptions()
-    if (run / FACTS).is_file():
-        facts = read_run_facts(run)
-        if Path(facts["clip"]).resolve() == photos.resolve():
-            options = build_clip_options(facts)
-    clip = load_clip(str(photos), options)
-    if not clip.training_frames:
-        raise DataError(photos, "no photo of a training time step was found", "Choose a folder with more photos")
-    return clip
-
-
-def _choose_masks(scene: Path, clip: Clip, asked: str) -> _MaskChoice:
-    """Choose what was asked for, else the clip's own masks, those of the scene's run, or the best that can be made."""
-    if asked in _MADE:
-        return _MaskChoice(source=asked)
-    if asked and asked != "own":
-        folder = Path(asked)
-        if not folder.is_dir():
-            raise DataError(folder, "there is no such folder", "Choose the folder with a label map for each photo")
-        if (folder / SIDECAR).is_file():
-            return _MaskChoice(folder)
-        return _MaskChoice(source="import", options=SourceOptions(imported=folder))
-    for folder in (Path(clip.path) / "masks", *_list_run_masks(scene)):
-        if (folder / SIDECAR).is_file() and _hold_photos(open_masks(folder), clip):
-            return _MaskChoice(folder)
-    plan = next((plan for plan in list_mask_plans(clip) if plan in _MADE), None)
-    if plan is None:
-        raise OptionError(
-            f"{clip.path}: there are no masks, and nothing to make them of. Choose a folder with a label map for each "
-            "photo (--masks), or let Segment Anything make them: pip install 'instdrive[sam]'"
-        )
-    return _MaskChoice(source=plan)
-
-
-def _list_run_masks(scene: Path) -> list[Path]:
-    run = scene if scene.is_dir() else scene.parent
-    if not (run / FACTS).is_file():
-        return []
-    named = read_run_facts(run).get(MASK_FOLDER)
-    return [*([Path(named)] if isinstance(named, str) else []), run / "masks"]
-
-
-def _hold_photos(masks: MaskFolder, clip: Clip) -> bool:
-    return any(frame.key in masks.counts for frame in clip.training_frames)
+def locate_scene(source: Path) -> Path:
+    """Locate the scene that is a source, or that a project's edits are of. Raises DataError where there is none."""
+    if not source.exists():
+        raise DataError(source, "there is no such scene or project", "Check the path")
+    return locate_project_base(source) if is_project(source) else source.absolute()
 
 
 def _take(desk: JobDesk) -> None:
@@ -141,7 +66,7 @@ def _take(desk: JobDesk) -> None:
     orientation, base = document.orientation, get_sources(document).base
     del document
     scene, source = open_scene_source(base.path, base.keep_every)
-    clip = _open_clip(base.path, _locate_photos(base.path, asked.clip))
+    clip = open_photos(base.path, locate_photos(base.path, asked.clip))
     with report_to(lambda share: desk.advance("comparing the scene with the photos", share)):
         matrix, match = choose_placement(
             scene, clip, list_placements(scene, clip, orientation), str(base.path.resolve())
@@ -165,7 +90,7 @@ def _open_taken_clip(desk: JobDesk) -> tuple[Path, Clip]:
     file = locate_job_file(desk.run, _TAKEN)
     content = read_json(file)
     scene = Path(require_field(file, content, "scene"))
-    return scene, _open_clip(scene, Path(require_field(file, content, "clip")))
+    return scene, open_photos(scene, Path(require_field(file, content, "clip")))
 
 
 def _open_taken_scene(desk: JobDesk, clip: Clip) -> tuple[Scene, SceneSource]:
@@ -182,7 +107,7 @@ def _open_taken_scene(desk: JobDesk, clip: Clip) -> tuple[Scene, SceneSource]:
 
 def _make_masks(desk: JobDesk) -> None:
     scene, clip = _open_taken_clip(desk)
-    choice, total = _choose_masks(scene, clip, desk.state.request.masks), max(len(clip.training_frames), 1)
+    choice, total = choose_mask_origin(scene, clip, desk.state.request.masks), max(len(clip.training_frames), 1)
 
     def show(done: int) -> None:
         desk.advance(f"masks of {total} photos", done / total)
@@ -193,7 +118,7 @@ def _make_masks(desk: JobDesk) -> None:
 
 def _learn(desk: JobDesk) -> None:
     path, clip = _open_taken_clip(desk)
-    choice = _choose_masks(path, clip, desk.state.request.masks)
+    choice = choose_mask_origin(path, clip, desk.state.request.masks)
     masks = open_masks(desk.run / "masks" if choice.folder is None else choice.folder)
     misfit = describe_misfit(keep_masked_photos(clip, masks), masks)
     if misfit is not None:

@@ -85,6 +85,11 @@ def choose_masks(clip: Clip) -> MaskPlan:
     return plans[0] if plans else "none"
 
 
+def describe_masks(plan: MaskPlan) -> str:
+    """Say where masks come from."""
+    return _MASK_WORDS[plan]
+
+
 def list_mask_plans(clip: Clip) -> tuple[MaskPlan, ...]:
     """List all places that a clip's masks can come from, the best first."""
     there: tuple[tuple[MaskPlan, bool], ...] = (

@@ -1,6 +1,8 @@
 """Objects of a bare scene are found in photos and masks, by a job that can be stopped, and wrong input is named."""
 
+import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ from PIL import Image
 from instdrive_core.edits.kinds.delete import DeleteRows
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.errors import DataError, OptionError
+from instdrive_core.finding.known_photos import find_known_photos
 from instdrive_core.finding.seen_objects import read_seen_objects
+from instdrive_core.jobs.find_source import look_at_photos
 from instdrive_core.jobs.job_file import JobRequest, ask_job, locate_project
 from instdrive_core.jobs.run_job import run_job
 from instdrive_core.project.open import open_document, open_project
@@ -85,6 +89,30 @@ def test_label_maps_made_elsewhere_are_taken(street, tmp_path):
     assert state.status == "done"
     assert [stage.name for stage in state.stages] == ["take", "masks", "learn", "keep"]
     assert len(read_seen_objects(tmp_path / "objects").classes) > 8
+
+
+def test_poses_of_a_trainers_folder_are_enough(street, tmp_path):
+    """A model of the INRIA trainer: its cameras.json and the photos, no data set; masks lie beside the photos."""
+    model, listed = tmp_path / "model", json.loads((street.photos / "transforms.json").read_text())
+    ply = model / "point_cloud" / "iteration_7000" / "point_cloud.ply"
+    ply.parent.mkdir(parents=True)
+    shutil.copy(street.scene, ply)
+    shutil.copytree(street.photos / "images", model / "images")
+    shutil.copytree(street.photos / "masks", model / "images" / "masks")
+    cameras = []
+    for frame in listed["frames"]:
+        pose = np.array(frame["transform_matrix"]) @ np.diag([1, -1, -1, 1])
+        size = {"width": listed["w"], "height": listed["h"], "fx": listed["fl_x"], "fy": listed["fl_y"]}
+        turn, place = pose[:3, :3].tolist(), pose[:3, 3].tolist()
+        cameras.append({"img_name": Path(frame["file_path"]).stem, "rotation": turn, "position": place, **size})
+    (model / "cameras.json").write_text(json.dumps(cameras))
+    assert find_known_photos(ply) == model / "images"
+    found = look_at_photos(ply, model / "images")
+    assert (found.title, found.mask_plans[0], found.problem) == ("3DGS clip", "own", "")
+    assert run_job(tmp_path / "objects", request(ply, "")).status == "done"
+    assert len(read_seen_objects(tmp_path / "objects").classes) > 8
+    with pytest.raises(DataError, match="no photos with poses"):
+        look_at_photos(street.scene, model / "images")
 
 
 def test_photos_of_another_scene_are_told_apart(street, tmp_path):

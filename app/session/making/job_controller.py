@@ -53,8 +53,6 @@ class SourceLook:
     """Why no scene can be made of it; empty where one can."""
     is_ready: bool = False
     """Whether the look is over."""
-    has_poses: bool = False
-    """Whether it is a data set, whose photos have poses."""
     mask_plans: tuple[str, ...] = ()
     """Where its masks can come from, the best first, as `SourceFacts` names it."""
 
@@ -91,23 +89,26 @@ class JobController:
         """Whether the job can go on and no process works on it."""
         return self.state is not None and self.state.status in UNFINISHED and not self._is_alive
 
-    def look_at(self, source: Path) -> None:
-        """Find out in the background what a source is; `look` tells."""
+    def look_at(self, source: Path, command: Sequence[str] | None = None) -> None:
+        """Find out in the background what a source is; `look` tells.
+
+        `command` finds it out, and prints it as JSON; by default it is the one that looks at what a scene is made of.
+        """
+        arguments = ("make", str(source), "--look") if command is None else command
         self.look = SourceLook(source)
 
         def keep(answer: str) -> None:
             found = json.loads(answer)
             facts = tuple((label, text) for label, text in found["facts"])
             plans = tuple(found["mask_plans"])
-            has_poses = found["kind"] == "clip"
-            self._keep_look(SourceLook(source, found["title"], facts, found["problem"], True, has_poses, plans))
+            self._keep_look(SourceLook(source, found["title"], facts, found["problem"], True, plans))
 
         def keep_problem(error: BaseException) -> bool:
             self._keep_look(SourceLook(source, problem=read_error(error), is_ready=True))
             return isinstance(error, CommandFailedError)
 
         self._context.jobs.submit_in_background(
-            "Looking at photos", lambda: run_command("make", str(source), "--look"), keep, keep_problem
+            "Looking at photos", lambda: run_command(*arguments), keep, keep_problem
         )
 
     def begin(self, source: Path, run: Path, minutes: float) -> None:

@@ -14,14 +14,12 @@ from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_app.session.making.job_controller import JobController, find_result
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import EditError
-from instdrive_core.evaluation.run_facts import FACTS
 from instdrive_core.extras import explain_missing_module
 from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.finding.known_photos import find_known_photos
 from instdrive_core.finding.relabeling import plan_relabeling
 from instdrive_core.finding.seen_objects import SeenObjects, read_seen_objects
 from instdrive_core.jobs.job_file import EDITS, locate_job_file, read_job_state
-from instdrive_core.masks.label_map_folder import SIDECAR
 from instdrive_core.project.save import write_project
 from instdrive_core.project.sources import SceneSource, SceneSources
 from instdrive_core.wording import format_count, phrase
@@ -70,14 +68,10 @@ class ObjectFinder:
         """The folder of photos that the open scene was made of; None where nothing tells."""
         return None if self._base is None else find_known_photos(self._base.path)
 
-    @property
-    def has_masks_of_run(self) -> bool:
-        """Whether the open scene is a run that has kept the masks it was trained with."""
+    def build_look_command(self, photos: Path) -> tuple[str, ...] | None:
+        """Build the command that tells of photos in which objects of the open scene are looked for."""
         base = self._base
-        if base is None:
-            return False
-        run = base.path if base.path.is_dir() else base.path.parent
-        return (run / FACTS).is_file() and (run / "masks" / SIDECAR).is_file()
+        return None if base is None else ("find-objects", str(base.path), "--photos", str(photos), "--look")
 
     def count_free_splats(self) -> int:
         """Count the open document's splats that belong to no instance."""

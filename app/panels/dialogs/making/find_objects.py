@@ -36,7 +36,7 @@ class FindObjectsDialog:
     """The two ways at the top; photos, masks and what becomes of instances below the second."""
 
     def __init__(self) -> None:
-        self._source = SourceField("find")
+        self._source = SourceField("find", build_command=lambda ui, path: ui.session.finder.build_look_command(path))
         self._by_photos = False
         self._masks, self._mask_folder = _BEST, ""
         self._replaces = False
@@ -92,7 +92,7 @@ class FindObjectsDialog:
 
     def _draw_masks(self, ui: Ui, look: SourceLook | None) -> None:
         """Where the masks come from: the best by itself, others that the photos allow, or a folder."""
-        plans = () if look is None else look.mask_plans
+        plans: tuple[str, ...] = () if look is None else look.mask_plans
         offered = [_BEST, *(plan for plan in plans[1:] if plan in MASKS), _FOLDER]
         if self._masks not in offered:
             self._masks = _BEST
@@ -135,18 +135,12 @@ class FindObjectsDialog:
     def _find_problem(self, ui: Ui, look: SourceLook | None) -> str:
         if ui.session.finder.obstacle:
             return ui.session.finder.obstacle
-        if look is not None and look.is_ready and not look.problem and not look.has_poses:
-            return (
-                "These photos have no poses, so nothing tells where they show the scene. Choose the data set that the "
-                "scene was trained with: a COLMAP model, nerfstudio's transforms.json, or a drive."
-            )
         if self._masks == _FOLDER:
             folder = Path(os.path.expanduser(self._mask_folder))
             if not self._mask_folder.strip() or not is_displayable(folder) or not os.path.isdir(folder):
                 return "Enter the folder of the masks"
             return ""
-        has_masks = look is None or not look.has_poses or bool(look.mask_plans) or ui.session.finder.has_masks_of_run
-        if not has_masks:
+        if look is not None and look.is_ready and not look.problem and not look.mask_plans:
             return (
                 "There are no masks, and nothing to make them of. Choose a folder with a label map for each photo, "
                 "or install Segment Anything: pip install 'instdrive[sam]'"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os.path
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
@@ -28,10 +28,17 @@ class SourceField:
     Args:
         mark: begins the names of its widgets.
         endings: of the files that are listed beside folders.
+        build_command: builds the command that looks at a path; by default, what a scene can be made of it is looked at.
     """
 
-    def __init__(self, mark: str, endings: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        mark: str,
+        endings: Sequence[str] = (),
+        build_command: Callable[[Ui, Path], Sequence[str] | None] = lambda ui, path: None,
+    ) -> None:
         self.text = ""
+        self._build_command = build_command
         self._mark, self._endings = mark, tuple(endings)
         self._typed_at = 0.0
 
@@ -76,7 +83,7 @@ class SourceField:
         if making.look is not None and making.look.source == path:
             return making.look
         if time.monotonic() - self._typed_at >= _TYPING_SECONDS and os.path.exists(path) and is_displayable(path):
-            making.look_at(path)
+            making.look_at(path, self._build_command(ui, path))
         return None
 
     def draw_look(self, ui: Ui, look: SourceLook | None, hint: str, rows: float = 9.0) -> None:
