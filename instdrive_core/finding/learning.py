@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError
+from instdrive_core.finding.absent_movers import leave_out_absent_movers
 from instdrive_core.instances.id_assignment import number_by_size
 from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.masks.lidar.scene import build_lidar_scene
@@ -57,6 +58,9 @@ def learn_objects(scene: Scene, clip: Clip, masks: MaskFolder, on_note: Callable
     clip = keep_masked_photos(clip, masks)
     check_training_memory(clip)
     clip, _ = set_movers_apart(clip, masks, None, on_note)
+    clip, photos = leave_out_absent_movers(scene, clip)
+    if photos:
+        on_note(f"what moved in {photos} photos is not in the scene and is left out")
     order = np.argsort(scene.nodes, kind="stable")
     gaussians = scene.gaussians.select(order)
     gaussians = replace(gaussians, features=np.zeros((len(order), 0), np.float32))

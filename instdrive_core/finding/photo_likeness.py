@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray
 from scipy import ndimage
 
@@ -14,6 +14,7 @@ from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.finding.placement import place_scene
 from instdrive_core.progress import report, report_span
+from instdrive_core.rasterize.preview import Preview
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.transforms import Similarity
@@ -88,14 +89,24 @@ def measure_likeness(scene: Scene, frames: Sequence[Frame]) -> PhotoLikeness:
         drawn = view_scene(bare, frame.view.camera, frame.view.time)
         there = drawn.alpha > 0.5
         shown.append(float(there.mean()))
-        if shown[-1] < LEAST_SHOWN:
-            continue
-        picture = drawn.color.mean(axis=2) / np.maximum(drawn.alpha, 0.5)
-        photo = frame.load_image().mean(axis=2, dtype=np.float32) / np.float32(255)
-        likeness.append(_correlate(_find_detail(picture, there)[there], _find_detail(photo, there)[there]))
+        if shown[-1] >= LEAST_SHOWN:
+            likeness.append(compute_likeness(drawn, frame.load_image(), there))
     weights = np.array([share for share in shown if share >= LEAST_SHOWN])
     likely = float(weights @ np.array(likeness) / weights.sum()) if likeness else 0.0
     return PhotoLikeness(likely, float(np.mean(shown)) if shown else 0.0)
+
+
+def compute_likeness(drawn: Preview, photo: UInt8[ndarray, "h w 3"], where: Bool[ndarray, "h w"]) -> float:
+    """Correlate the detail, -1 … 1, of a picture without a sky and a photo `where` the scene covers them; 0 where it
+    covers nothing.
+    """
+    there = drawn.alpha > 0.5
+    if not (there & where).any():
+        return 0.0
+    picture = drawn.color.mean(axis=2) / np.maximum(drawn.alpha, 0.5)
+    grey = photo.mean(axis=2, dtype=np.float32) / np.float32(255)
+    compared = there & where
+    return _correlate(_find_detail(picture, there)[compared], _find_detail(grey, there)[compared])
 
 
 def _find_detail(grey: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> Float[ndarray, "h w"]:

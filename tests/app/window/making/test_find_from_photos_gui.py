@@ -15,14 +15,9 @@ def test_objects_are_found_in_photos_and_kept_in_the_project(tmp_path):
     street = write_photographed_street(tmp_path)
     beside = shutil.copy(street.scene, street.photos / "street.ply")
     project = tmp_path / "street.instdrive"
-    (tmp_path / "walk").mkdir()
     with editor_window(beside, tmp_path) as window:
         ask(window)
         window.wait_for_widget("find.found")  # the photos beside the scene are filled in
-        enter(window, "find.source", str(tmp_path / "walk"))
-        window.wait_for_widget("find.problem")
-        enter(window, "find.source", str(street.photos))
-        window.wait_for_widget("find.found")
         window.click_widget("dialog.accept")
         window.wait_for_edit("Find objects")
         state = window.wait_for(lambda state: "found in the masks of" in state["messages"][-1], "what was found")
@@ -47,12 +42,6 @@ def test_objects_are_found_in_photos_and_kept_in_the_project(tmp_path):
 def ask(window):
     window.click_widget("menu Labels")
     window.click_widget("menu labels.find_objects")
-
-
-def enter(window, field, text):
-    window.click_widget(field)
-    window.key("ctrl+a")
-    window.type(text)
 
 
 def click_something(window):
