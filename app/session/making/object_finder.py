@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from instdrive_app.messages import user_message
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_app.session.making.job_controller import JobController, find_result
@@ -109,7 +110,7 @@ class ObjectFinder:
         try:
             edit = plan_relabeling(document, found, replaces)
         except EditError as error:
-            self._context.messages.error(str(error))
+            self._context.messages.error(user_message(error))
             return
         had_none = not len(document.scene.table)
         if not self._context.apply(edit):
