@@ -15,6 +15,7 @@ from safetensors.numpy import load, save
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
 from instdrive_core.files.plain_file import require_plain_file
+from instdrive_core.project.sources import SceneSource
 
 OBJECTS = "objects.safetensors"
 """Name of the file in the folder of a job."""
@@ -33,7 +34,12 @@ class SeenObjects:
     photos: int
     """Photos whose masks were looked at."""
     scene: str
-    """Digest of the scene's files, as `FileIdentity` has it."""
+    """What `identify_rows` calls the scene."""
+
+
+def identify_rows(source: SceneSource) -> str:
+    """Name the rows of a scene: by the digest of its files, and which of their splats were opened."""
+    return source.identity.sha256 + (f"/{source.keep_every}" if source.keep_every != 1 else "")
 
 
 def write_seen_objects(folder: Path, found: SeenObjects) -> None:

@@ -16,7 +16,7 @@ from instdrive_core.finding.learning import keep_masked_photos, learn_objects
 from instdrive_core.finding.photo_likeness import GOOD_LIKENESS, choose_placement
 from instdrive_core.finding.placement import list_placements, place_scene
 from instdrive_core.finding.relabeling import plan_relabeling
-from instdrive_core.finding.seen_objects import SeenObjects, read_seen_objects, write_seen_objects
+from instdrive_core.finding.seen_objects import SeenObjects, identify_rows, read_seen_objects, write_seen_objects
 from instdrive_core.jobs.desk import JobDesk
 from instdrive_core.jobs.find_source import choose_mask_origin, locate_photos, open_photos
 from instdrive_core.jobs.job_file import EDITS, JobRequest, JobStage, locate_job_file, locate_project
@@ -26,6 +26,7 @@ from instdrive_core.masks.label_map_folder import open_masks
 from instdrive_core.masks.making import make_masks
 from instdrive_core.masks.photo_fit import describe_misfit
 from instdrive_core.progress import report_to
+from instdrive_core.project.cameras_beside import attach_cameras_beside
 from instdrive_core.project.open import locate_project_base, open_document
 from instdrive_core.project.save import is_project, save_project
 from instdrive_core.project.sources import SceneSource, get_sources, open_scene_source
@@ -66,6 +67,7 @@ def _take(desk: JobDesk) -> None:
     orientation, base = document.orientation, get_sources(document).base
     del document
     scene, source = open_scene_source(base.path, base.keep_every)
+    attach_cameras_beside(scene, base.path)
     clip = open_photos(base.path, locate_photos(base.path, asked.clip))
     with report_to(lambda share: desk.advance("comparing the scene with the photos", share)):
         matrix, match = choose_placement(
@@ -128,7 +130,7 @@ def _learn(desk: JobDesk) -> None:
         clip = clip.with_cameras(scene.views)  # where training found them
     with report_to(lambda share: desk.advance("looking at the masks", share)):
         learned = learn_objects(scene, clip, masks, desk.advance)
-    found = SeenObjects(learned.numbers, learned.classes, learned.photos, source.identity.sha256)
+    found = SeenObjects(learned.numbers, learned.classes, learned.photos, identify_rows(source))
     write_seen_objects(desk.run, found)
     photos = format_count(found.photos, "photo")
     desk.note(f"{format_count(len(found.classes), 'object')} in the masks of {photos}")

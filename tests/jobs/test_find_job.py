@@ -17,6 +17,7 @@ from instdrive_core.finding.seen_objects import read_seen_objects
 from instdrive_core.jobs.find_source import look_at_photos
 from instdrive_core.jobs.job_file import JobRequest, ask_job, locate_project
 from instdrive_core.jobs.run_job import run_job
+from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.project.open import open_document, open_project
 from instdrive_core.project.save import save_project
 
@@ -113,6 +114,24 @@ def test_poses_of_a_trainers_folder_are_enough(street, tmp_path):
     assert len(read_seen_objects(tmp_path / "objects").classes) > 8
     with pytest.raises(DataError, match="no photos with poses"):
         look_at_photos(street.scene, model / "images")
+
+
+def test_cameras_beside_the_scene_lead_to_photos_in_another_world(street, tmp_path):
+    """The photos were posed again, askew and in another unit; their names tell which camera is which."""
+    beside = shutil.copytree(street.photos, tmp_path / "export", ignore=shutil.ignore_patterns("masks"))
+    scene = shutil.copy(street.scene, beside / "street.ply")
+    other = shutil.copytree(street.photos, tmp_path / "again")
+    listed = json.loads((other / "transforms.json").read_text())
+    turn = matrix_from_quaternion(np.array([0.5, 0.1, 0.7, -0.5]))
+    for frame in listed["frames"]:
+        pose = np.array(frame["transform_matrix"])
+        pose[:3, :3], pose[:3, 3] = turn @ pose[:3, :3], 2.5 * turn @ pose[:3, 3] + np.array([3.0, -1.0, 2.0])
+        frame["transform_matrix"] = pose.tolist()
+    (other / "transforms.json").write_text(json.dumps(listed))
+    assert run_job(tmp_path / "objects", request(scene, other)).status == "done"
+    (beside / "transforms.json").unlink()
+    with pytest.raises(DataError, match=r"its photos do not show|hardly any of the scene"):
+        run_job(tmp_path / "out", request(scene, other))
 
 
 def test_photos_of_another_scene_are_told_apart(street, tmp_path):

@@ -19,7 +19,7 @@ from instdrive_core.extras import explain_missing_module
 from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.finding.known_photos import find_known_photos
 from instdrive_core.finding.relabeling import plan_relabeling
-from instdrive_core.finding.seen_objects import SeenObjects, read_seen_objects
+from instdrive_core.finding.seen_objects import SeenObjects, identify_rows, read_seen_objects
 from instdrive_core.jobs.job_file import EDITS, locate_job_file, read_job_state
 from instdrive_core.project.save import write_project
 from instdrive_core.project.sources import SceneSource, SceneSources
@@ -98,7 +98,7 @@ class ObjectFinder:
 
         def finish(found: SeenObjects) -> None:
             document, base = self._context.document, self._base
-            if document is None or base is None or base.identity.sha256 != found.scene:
+            if document is None or base is None or identify_rows(base) != found.scene:
                 self._files.leave_for(find_result(run))
                 return
             self._relabel(run, document, found)

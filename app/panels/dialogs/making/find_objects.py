@@ -47,7 +47,7 @@ class FindObjectsDialog:
         """Open it; photos that the scene tells of are filled in."""
         finder, document = ui.session.finder, ui.session.document
         known = finder.known_photos
-        self._by_photos = known is not None
+        self._by_photos = known is not None and not finder.obstacle
         self._source.reset(ui, f"{find_working_folder()}{os.path.sep}" if known is None else str(known))
         self._masks, self._mask_folder = _BEST, ""
         self._known = 0 if document is None else len(document.scene.table)

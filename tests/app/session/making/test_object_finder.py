@@ -5,7 +5,7 @@ import pytest
 from session_driver import errors, finish
 
 from instdrive_app.session.making.object_finder import FindChoice
-from instdrive_core.finding.seen_objects import SeenObjects, write_seen_objects
+from instdrive_core.finding.seen_objects import SeenObjects, identify_rows, write_seen_objects
 from instdrive_core.jobs.job_file import EDITS, JobRequest, JobState, locate_job_file, locate_project, write_job_state
 from instdrive_core.project.open import open_project
 
@@ -25,7 +25,7 @@ def write_result(session, run, replaces=False, scene=None):
     document = session.document
     numbers = np.full(len(document.scene), 1, np.uint32)
     numbers[:100] = 2
-    digest = document.open_scene.base.identity.sha256 if scene is None else scene
+    digest = identify_rows(document.open_scene.base) if scene is None else scene
     write_job_state(run, JobState(JobRequest("street", kind="find-objects", replaces=replaces), "done"))
     write_seen_objects(run, SeenObjects(numbers, ("", "Van"), 5, digest))
     session.making.known.add(run)
