@@ -47,6 +47,10 @@ COMMANDS = {
         "instdrive_core.cli.making.improve:improve_scene",
         "Train on from an edited scene: what was deleted stays deleted, what was moved or painted stays so.",
     ),
+    "find-objects": CliCommand(
+        "instdrive_core.cli.making.find_objects:find_objects_in_photos",
+        "Find the objects of a finished scene in photos and their masks.",
+    ),
     "fleet": CliCommand(
         "instdrive_core.cli.fleets.fleet:train_fleet",
         "Make measured scenes of many clips side by side: masks, tracks, training, evaluation, recording.",

@@ -55,7 +55,7 @@ def run_or_explain(session: EditorSession, action: Action) -> None:
         return
     else:
         why = explain_disabled(session, action)
-    reason = phrase("{command}: {reason}", command=drop_ellipsis(action.title), reason=why)
+    reason = phrase("{command}: {reason}", command=drop_ellipsis(action.title), reason=phrase(why))
     if all(message.text != reason for message in session.messages.toasts):
         session.messages.info(reason)
 

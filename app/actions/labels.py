@@ -5,7 +5,7 @@ from __future__ import annotations
 from instdrive_app.action import Action
 from instdrive_app.actions.conditions import is_editable, put_request, run_on_instances
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import AskClass, AskReassign, AskSplit
+from instdrive_app.session.requests import AskClass, AskFindObjects, AskReassign, AskSplit
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -99,12 +99,12 @@ def _list_splat_actions(session: EditorSession) -> list[Action]:
         ),
         Action(
             "labels.find_objects",
-            "Find objects",
-            session.labels.find_objects,
+            "Find objects…",
+            put_request(session, AskFindObjects()),
             "Labels",
             enabled=lambda: is_editable(session),
             icon="ICON_FA_CUBES",
-            words=("instances", "segment", "detect", "cars", "no instances"),
+            words=("instances", "segment", "detect", "cars", "no instances", "masks", "photos", "segmentation"),
             separator=True,
             undoable=True,
         ),

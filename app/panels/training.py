@@ -128,7 +128,9 @@ def _draw_buttons(ui: Ui, making: JobController) -> None:
             making.go_on()
         return
     if state is not None and state.status == "done":
-        if _draw_button(ui, "Open the scene", "ICON_FA_FOLDER_OPEN"):
+        finds = state.request.kind == "find-objects"
+        opens, icon = ("Use the objects", "ICON_FA_CUBES") if finds else ("Open the scene", "ICON_FA_FOLDER_OPEN")
+        if _draw_button(ui, opens, icon):
             making.open_scene()
         if making.run is not None and (making.run / REPORT).is_file():
             imgui.same_line()

@@ -29,6 +29,7 @@ from instdrive_app.session.light.shadow_controller import ShadowController
 from instdrive_app.session.making.drive_recorder import DriveRecorder
 from instdrive_app.session.making.improver import Improver
 from instdrive_app.session.making.job_controller import JobController
+from instdrive_app.session.making.object_finder import ObjectFinder
 from instdrive_app.session.making.run_comparison import RunComparison
 from instdrive_app.session.mapping.map_painter import MapPainter
 from instdrive_app.session.move_controller import MoveController
@@ -77,6 +78,7 @@ class EditorSession:
         self.files = DocumentFiles(context, self._enter, self._store_more, self._get_more_version)
         self.making = JobController(context, self.files)
         self.improver = Improver(context, self.files, self.making)
+        self.finder = ObjectFinder(context, self.files, self.making)
         self.comparison = RunComparison(context, self.making.known, self.files.recents)
         self.screenshots = Screenshots(context, self.files)
         self.export = ExportController(context, self.files)

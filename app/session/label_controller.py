@@ -132,6 +132,8 @@ class LabelController:
             if not edit.is_prepared_for(document):  # the document was edited in the meantime
                 self.find_objects()
             elif self._context.apply(edit):
+                if not before:  # a region would have selected no instance before
+                    self._context.state.region_splats = False
                 found = format_count(len(document.scene.table) - before, "object")
                 self._messages.info(phrase("{found} found; click them like any instance", found=found))
 

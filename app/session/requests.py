@@ -151,6 +151,11 @@ class AskImprove(Request):
 
 
 @dataclass(frozen=True)
+class AskFindObjects(Request):
+    """Ask what the scene's objects are found by."""
+
+
+@dataclass(frozen=True)
 class AskLeaveJob(Request):
     """Ask what becomes of the job that runs when the editor closes."""
 

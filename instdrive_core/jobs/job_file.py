@@ -24,7 +24,7 @@ VERSION = 1
 Status = Literal["running", "paused", "stopped", "failed", "done"]
 StageStatus = Literal["waiting", "running", "done"]
 Wish = Literal["run", "pause", "stop"]
-JobKind = Literal["make", "improve"]
+JobKind = Literal["make", "improve", "find-objects"]
 UNFINISHED: tuple[Status, ...] = ("running", "paused", "stopped", "failed")
 """States from which a job can go on, once no process runs it."""
 
@@ -34,7 +34,8 @@ class JobRequest:
     """What a job makes, of what, and how long it may take."""
 
     source: str
-    """Video, folder of photos, or folder of a data set; of kind ``improve``, a run or a project on one. Absolute."""
+    """Video, folder of photos, or folder of a data set; of kind ``improve``, a run or a project on one; of kind
+    ``find-objects``, a scene or a project. Absolute."""
     minutes: float = 20.0
     """Minutes that the whole job may take on this machine."""
     iterations: int | None = None
@@ -43,9 +44,14 @@ class JobRequest:
     checkpoint_every: int | None = None
     """Training steps between checkpoints; None = as usual."""
     kind: JobKind = "make"
-    """Whether a scene is made, or one is trained on; it is the name of the command, too."""
+    """Whether a scene is made, one is trained on, or its objects are found; it is the name of the command, too."""
     clip: str = ""
-    """Where the clip of a scene that is trained on has moved to; empty where it has not."""
+    """Photos and poses of a scene that is there: where the clip that its run names has moved to, or those that objects
+    are found in; empty = as the scene says."""
+    masks: str = ""
+    """Masks in which objects are found: a folder, or the name of a source that makes them; empty = the best."""
+    replaces: bool = False
+    """Whether objects that are found replace the scene's instances."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from instdrive_core.errors import InstDriveError, OptionError
 from instdrive_core.extras import explain_missing_module
 from instdrive_core.files.file_lock import FileLock
 from instdrive_core.jobs.desk import JobDesk, JobStoppedError
+from instdrive_core.jobs.find_stages import FINDING_STAGES, plan_finding_stages
 from instdrive_core.jobs.improve_stages import IMPROVING_STAGES, check_improving, plan_improving_stages
 from instdrive_core.jobs.job_file import (
     FOLDER,
@@ -62,6 +63,8 @@ def _open_state(run: Path, request: JobRequest) -> JobState:
     if request.kind == "improve":
         check_improving(Path(request.source), request.clip)
         return JobState(request, stages=plan_improving_stages(request.evaluate))
+    if request.kind == "find-objects":
+        return JobState(request, stages=plan_finding_stages(request))
     facts = look_at_source(Path(request.source))
     if facts.problem:
         raise OptionError(f"{request.source}: {facts.problem}")
@@ -70,7 +73,7 @@ def _open_state(run: Path, request: JobRequest) -> JobState:
 
 def _work(desk: JobDesk) -> JobState:
     desk.change(now=True, status="running", problem="")
-    kinds = {"make": STAGES, "improve": IMPROVING_STAGES}
+    kinds = {"make": STAGES, "improve": IMPROVING_STAGES, "find-objects": FINDING_STAGES}
     works = {stage.name: stage.work for stage in kinds[desk.state.request.kind]}
     try:
         for stage in desk.state.stages:

@@ -49,6 +49,8 @@ class SourceFacts:
     """Whether moving objects are looked for in LiDAR sweeps."""
     problem: str = ""
     """Why nothing can be made of it on this machine; empty where something can."""
+    mask_plans: tuple[MaskPlan, ...] = ()
+    """All places that a clip's masks can come from, the best first."""
 
 
 def look_at_source(source: Path) -> SourceFacts:
@@ -59,11 +61,12 @@ def look_at_source(source: Path) -> SourceFacts:
     data_set = find_data_set(str(source))
     if data_set is not None:
         clip = data_set.load(str(source), ClipOptions(scale=1.0))
-        masks = choose_masks(clip)
+        plans = list_mask_plans(clip)
+        masks = plans[0] if plans else "none"
         facts = (*list_clip_facts(data_set.title, clip), (phrase("masks"), _MASK_WORDS[masks]))
         finds = bool(clip.sweeps) and not clip.tracks
         return SourceFacts(
-            "clip", phrase("{name} clip", name=data_set.title), facts, masks, finds, find_missing("torch")
+            "clip", phrase("{name} clip", name=data_set.title), facts, masks, finds, find_missing("torch"), plans
         )
     if source.is_dir() and any(file.suffix.lower() in PHOTOS for file in source.iterdir()):
         return _look_at_photos(source)
@@ -78,13 +81,25 @@ def look_at_source(source: Path) -> SourceFacts:
 
 def choose_masks(clip: Clip) -> MaskPlan:
     """Choose where a clip's masks come from: the best that it has what is needed for."""
-    if (Path(clip.path) / "masks" / SIDECAR).is_file():
-        return "own"
-    if has_exact_labels(clip.path):
-        return "exact"
-    if has_annotations(clip):
-        return "annotations"
-    return "lidar" if clip.training_sweeps else choose_photo_masks()
+    plans = list_mask_plans(clip)
+    return plans[0] if plans else "none"
+
+
+def describe_masks(plan: MaskPlan) -> str:
+    """Say where masks come from."""
+    return _MASK_WORDS[plan]
+
+
+def list_mask_plans(clip: Clip) -> tuple[MaskPlan, ...]:
+    """List all places that a clip's masks can come from, the best first."""
+    there: tuple[tuple[MaskPlan, bool], ...] = (
+        ("own", (Path(clip.path) / "masks" / SIDECAR).is_file()),
+        ("exact", has_exact_labels(clip.path)),
+        ("annotations", has_annotations(clip)),
+        ("lidar", bool(clip.training_sweeps)),
+        ("sam", choose_photo_masks() == "sam"),
+    )
+    return tuple(plan for plan, is_there in there if is_there)
 
 
 def choose_photo_masks() -> MaskPlan:

@@ -90,14 +90,14 @@ def _build_views(photos: list[PosedPhoto]) -> tuple[CameraView, ...]:
     for photo in sorted(photos, key=lambda photo: photo.name):
         name = get_camera_name(photo)
         index = counts[name] = counts.get(name, -1) + 1
-        file = _find_photo(photo.file)
+        file = find_photo(photo.file)
         views.append(
             CameraView(straighten_photo(photo).camera, name, index, index * STEP_SECONDS, str(file) if file else "")
         )
     return tuple(views)
 
 
-def _find_photo(file: Path) -> Path | None:
+def find_photo(file: Path) -> Path | None:
     """Find a photo by its listed name, with an ending where none is listed, also in the folders usual for photos."""
     for folder in (file.parent, *(file.parent / name for name in PHOTO_FOLDERS)):
         for suffix in _SUFFIXES:

@@ -101,6 +101,16 @@ def read_project_view(path: str | Path) -> dict[str, Any]:
         return _read_view(archive) if VIEW in archive.names else {}
 
 
+def locate_project_base(path: Path) -> Path:
+    """Locate the scene that a project's edits are of, without opening it: the likeliest place where something is.
+
+    Raises DataError for a damaged project.
+    """
+    with open_project_archive(path) as archive:
+        places = _read_manifest(archive).base.list_places(path.absolute())
+    return next((place for place in places if place.exists()), places[0])
+
+
 def open_edited_scene(
     path: str | Path, keep_every: int = 1, time: float | None = None, data: Path | None = None
 ) -> Scene:

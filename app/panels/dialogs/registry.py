@@ -22,11 +22,12 @@ from instdrive_app.panels.dialogs import (
     turn_upright,
     unsaved,
 )
-from instdrive_app.panels.dialogs.making import improve, job_questions, new_scene, record_drive
+from instdrive_app.panels.dialogs.making import find_objects, improve, job_questions, new_scene, record_drive
 from instdrive_app.session.requests import (
     AskChangedScene,
     AskClass,
     AskExport,
+    AskFindObjects,
     AskImprove,
     AskLeaveJob,
     AskName,
@@ -53,6 +54,7 @@ DIALOGS = (
     DialogRecord(file_browser.TITLE, "ICON_FA_FOLDER_OPEN", file_browser.FileBrowser, (AskPath, AskExport)),
     DialogRecord(new_scene.TITLE, "ICON_FA_WAND_MAGIC_SPARKLES", new_scene.NewSceneDialog, (AskNewScene,)),
     DialogRecord(improve.TITLE, "ICON_FA_ARROW_TREND_UP", improve.ImproveDialog, (AskImprove,)),
+    DialogRecord(find_objects.TITLE, "ICON_FA_CUBES", find_objects.FindObjectsDialog, (AskFindObjects,)),
     DialogRecord(record_drive.TITLE, "ICON_FA_VIDEO", record_drive.RecordDialog, (AskRecord,)),
     DialogRecord(job_questions.LEAVE_TITLE, "ICON_FA_HOURGLASS_HALF", job_questions.LeaveJobDialog, (AskLeaveJob,)),
     DialogRecord(job_questions.OFFER_TITLE, "ICON_FA_ROTATE", job_questions.OfferJobDialog, (OfferJob,)),

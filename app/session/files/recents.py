@@ -28,11 +28,17 @@ class RecentFiles:
     def add(self, path: Path) -> None:
         """Put a path at the top of the list."""
         path = path.absolute()
-        listed = [path, *(other for other in self._read_list() if other != path)][:MAX_RECENTS]
+        self._write([path, *(other for other in self._read_list() if other != path)][:MAX_RECENTS])
+
+    def _write(self, listed: list[Path]) -> None:
         try:
             write_bytes(self._file, json.dumps([str(entry) for entry in listed], indent=1).encode())
         except DataError:
             _log.warning("the list of recent files was not written", exc_info=True)
+
+    def remove(self, path: Path) -> None:
+        """Take a path off the list."""
+        self._write([other for other in self._read_list() if other != path.absolute()])
 
     def clear(self) -> None:
         """Empty the list."""

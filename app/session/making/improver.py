@@ -25,7 +25,7 @@ class Improver:
         self._context, self._files, self._making = context, files, making
         self._begun: tuple[Path, Path, tuple[Edit, ...]] | None = None
         """The run of the job begun here, the scene that it goes on from, and the changes it began with."""
-        making.open_improved = self.open
+        making.openers["improve"] = self.open
 
     @property
     def base(self) -> Path | None:

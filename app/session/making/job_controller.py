@@ -1,4 +1,4 @@
-"""The job that makes a scene, or trains one on: begun here, run elsewhere, watched here again."""
+"""The job that makes a scene, trains one on, or finds its objects: begun here, run elsewhere, watched here again."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os.path
 import subprocess
 import time
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.jobs.job_file import (
     LOG,
     UNFINISHED,
+    JobKind,
     JobState,
     Wish,
     ask_job,
@@ -52,6 +53,8 @@ class SourceLook:
     """Why no scene can be made of it; empty where one can."""
     is_ready: bool = False
     """Whether the look is over."""
+    mask_plans: tuple[str, ...] = ()
+    """Where its masks can come from, the best first, as `SourceFacts` names it."""
 
 
 class JobController:
@@ -70,8 +73,9 @@ class JobController:
         """State of that job; None until its process has written one."""
         self.figures: dict[str, Any] = {}
         """Figures of the evaluation of the job's run; empty before that."""
-        self.open_improved: Callable[[Path], None] = lambda run: files.leave_for(find_result(run))
-        """Opens what a job has trained on; set by `Improver`, which knows the edits made since."""
+        self.openers: dict[JobKind, Callable[[Path], None]] = {}
+        """What opens the result of a job, by its kind, from the job's folder; set by those that know the edits made
+        since. What is not listed is opened as `find_result` says."""
         self.look: SourceLook | None = None
         """What is known of the source chosen last."""
 
@@ -85,21 +89,26 @@ class JobController:
         """Whether the job can go on and no process works on it."""
         return self.state is not None and self.state.status in UNFINISHED and not self._is_alive
 
-    def look_at(self, source: Path) -> None:
-        """Find out in the background what a source is; `look` tells."""
+    def look_at(self, source: Path, command: Sequence[str] | None = None) -> None:
+        """Find out in the background what a source is; `look` tells.
+
+        `command` finds it out, and prints it as JSON; by default it is the one that looks at what a scene is made of.
+        """
+        arguments = ("make", str(source), "--look") if command is None else command
         self.look = SourceLook(source)
 
         def keep(answer: str) -> None:
             found = json.loads(answer)
             facts = tuple((label, text) for label, text in found["facts"])
-            self._keep_look(SourceLook(source, found["title"], facts, found["problem"], True))
+            plans = tuple(found["mask_plans"])
+            self._keep_look(SourceLook(source, found["title"], facts, found["problem"], True, plans))
 
         def keep_problem(error: BaseException) -> bool:
             self._keep_look(SourceLook(source, problem=read_error(error), is_ready=True))
             return isinstance(error, CommandFailedError)
 
         self._context.jobs.submit_in_background(
-            "Looking at photos", lambda: run_command("make", str(source), "--look"), keep, keep_problem
+            "Looking at photos", lambda: run_command(*arguments), keep, keep_problem
         )
 
     def begin(self, source: Path, run: Path, minutes: float) -> None:
@@ -109,6 +118,13 @@ class JobController:
     def begin_improving(self, source: Path, run: Path, minutes: float) -> None:
         """Begin to train a run or project on in a folder that holds its edits."""
         self._start(run, "improve", str(source), "--out", str(run), "--minutes", f"{minutes:g}")
+
+    def begin_finding(self, source: Path, run: Path, arguments: Sequence[str]) -> None:
+        """Begin to find the objects of a scene or project in a folder that holds its edits.
+
+        `arguments` are further ones of the command.
+        """
+        self._start(run, "find-objects", str(source), "--out", str(run), *arguments)
 
     def go_on(self) -> None:
         """Let the job go on, whether it holds, was stopped or was killed."""
@@ -165,10 +181,11 @@ class JobController:
         """Open what the job made."""
         if self.run is None:
             return
-        if self.state is not None and self.state.request.kind == "improve":
-            self.open_improved(self.run)
+        opener = None if self.state is None else self.openers.get(self.state.request.kind)
+        if opener is not None:
+            opener(self.run)
         else:
-            self._files.leave_for(self.run)
+            self._files.leave_for(find_result(self.run))
 
     def open_report(self) -> None:
         """Show the evaluation of the job's run in the browser."""
@@ -220,7 +237,8 @@ class JobController:
     def _tell_end(self, run: Path) -> None:
         messages, state = self._context.messages, self.state
         if state is not None and state.status == "done":
-            messages.info(phrase("{name} is done", name=run.name))
+            if state.request.kind != "find-objects":  # what was found is told
+                messages.info(phrase("{name} is done", name=run.name))
             self.open_scene()
         elif state is not None and state.status == "stopped":
             messages.info(phrase("{name} was stopped; it can go on at any time", name=run.name))

@@ -1,1 +1,1 @@
-"""Commands that run a whole job: making a scene, and training one on."""
+"""Commands that run a whole job: making a scene, training one on, finding its objects."""

@@ -12,6 +12,7 @@ from numpy import ndarray
 from scipy.sparse import csr_array
 
 from instdrive_core.masks.label_map_folder import MAX_LAYERS
+from instdrive_core.progress import report
 from instdrive_core.rasterize.kernels.blend_weights import (
     BlendWeights,
     apply_weights,
@@ -64,6 +65,8 @@ class MaskWeights:
 def measure_mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) -> MaskWeights:
     """Look at every view that has masks, layer by layer; pixels with less than `min_alpha` opacity are left out.
 
+    Reports its progress (`progress.report`).
+
     The model is on the CPU. The same input gives the same bits, whatever the number of threads.
     """
     with WeightSpool(len(model)) as spool:
@@ -85,6 +88,7 @@ def _look_at_views(
     unmasked = np.zeros(len(model), np.float32)
     layers = 1
     for number in range(len(store)):
+        report(number / len(store))
         store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(store)))])
         view = store.get(number)
         if not any(layer.any() for layer in view.layers):

@@ -9,6 +9,7 @@ from procedural_street import procedural_street
 from instdrive_app.actions import register_actions
 from instdrive_app.actions.conditions import QUIET, explain_disabled, run_or_explain
 from instdrive_app.camera import pan
+from instdrive_app.language.translation import speak, translate
 from instdrive_app.panels.window_menu import list_panel_actions
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.document.document import Document
@@ -104,3 +105,15 @@ def test_a_reason_is_told_once_while_it_is_seen(session):
     told = [message.text for message in session.messages.log if message.text.startswith("Delete: ")]
     assert told == [f"Delete: {explain_disabled(session, session.actions['edit.delete'])}"]
     assert np.all([not session.actions[name].enabled() for name in ("box.select", "measure.clear")])
+
+
+def test_a_reason_is_told_in_the_language_of_the_window(session):
+    action = session.actions["labels.reassign"]
+    run_or_explain(session, action)
+    speak("de")
+    try:
+        told = translate(session.messages.log[-1].text)
+    finally:
+        speak("en")
+    assert action.needs in session.messages.log[-1].text
+    assert action.needs not in told

@@ -1,19 +1,21 @@
-"""A label repair whose outcome is given: what was found on one scene holds on one that was trained on from it."""
+"""Labels whose outcome is given: what was found on one scene holds on one that was trained on from it, and what photos
+show of a scene is found out elsewhere."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
 from instdrive_core.edits.bases.flags import FlagChange
 from instdrive_core.edits.bases.parameters import check_switch, is_whole
-from instdrive_core.edits.bases.relabel import RelabelEdit, Relabeling, create_instances, get_instance
+from instdrive_core.edits.bases.relabel import RelabelEdit, Relabeling, check_text, create_instances, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.row_runs import RowRuns, expand_runs, make_runs
 from instdrive_core.errors import EditError
+from instdrive_core.instances.table import Instance
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import phrase
 
@@ -40,6 +42,8 @@ class RelabelRows(RelabelEdit):
     """Instance that new ones take after; 0 = none."""
     deletes: bool = False
     """Whether the parts are deleted, too: they join an instance that is."""
+    classes: tuple[str, ...] = ()
+    """Class of each part's new instance, which also names it; empty = unknown. No entries at all = all unknown."""
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -56,6 +60,9 @@ class RelabelRows(RelabelEdit):
         if not is_whole(self.like) or self.like < 0:
             raise EditError(phrase("like {like!r} is no instance", like=self.like))
         check_switch(self.deletes, "deletes")
+        self.classes = tuple(check_text(name, "class") for name in self.classes)
+        if self.classes and len(self.classes) != len(self.parts):
+            raise EditError(phrase("classes {classes!r} are not one for each part", classes=self.classes))
 
     @property
     def title(self) -> str:
@@ -66,7 +73,8 @@ class RelabelRows(RelabelEdit):
     def to_json(self) -> dict[str, object]:
         """Kind and parameters, with the rows as runs."""
         values = self.get_parameters()
-        return values | {"parts": [make_runs(part).to_json() for part in self.parts], "into": list(self.into)}
+        parts = [make_runs(part).to_json() for part in self.parts]
+        return values | {"parts": parts, "into": list(self.into), "classes": list(self.classes)}
 
     def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """Each part to its target. Raises EditError for rows or instances that the scene does not have."""
@@ -74,8 +82,12 @@ class RelabelRows(RelabelEdit):
         source = get_instance(document, self.like) if self.like else None
         created = iter(create_instances(document, [source for number in self.into if number is None]))
         targets = [
-            next(created) if number is None else get_instance(document, number) if number else None
-            for number in self.into
+            _name_by_class(next(created), class_name)
+            if number is None
+            else get_instance(document, number)
+            if number
+            else None
+            for number, class_name in zip(self.into, self.classes or ("",) * len(self.into), strict=True)
         ]
         return [Relabeling(*pair) for pair in zip(rows, targets, strict=True)]
 
@@ -95,3 +107,8 @@ class RelabelRows(RelabelEdit):
         for rows, flag, on in reversed(self._flags_done):
             document.state.change(rows, flag, not on)
         super().undo(document)
+
+
+def _name_by_class(instance: Instance, class_name: str) -> Instance:
+    """A new instance of a class, with a name that training would give it."""
+    return replace(instance, class_name=class_name, name=f"{class_name} {instance.id}") if class_name else instance

@@ -2,7 +2,7 @@
 
 import pytest
 
-from instdrive_app.panels.dialogs.making import job_fields, new_scene
+from instdrive_app.panels.dialogs.making import job_fields, new_scene, source_field
 from instdrive_app.panels.dialogs.making.new_scene import may_be_source
 
 
@@ -33,4 +33,4 @@ def test_a_new_folder_is_proposed_among_the_documents(tmp_path, monkeypatch, sou
 
 def test_masks_come_first_and_cameras_last():
     facts = (("layout", "PandaSet"), ("  front", "2 photos"), ("LiDAR", "2 sweeps"), ("masks", "none"))
-    assert [label for label, _ in new_scene._order_facts(facts)] == ["masks", "layout", "LiDAR", "  front"]
+    assert [label for label, _ in source_field._order_facts(facts)] == ["masks", "layout", "LiDAR", "  front"]

@@ -20,6 +20,8 @@ def test_objects_are_found_and_one_is_deleted(tmp_path):
     with editor_window(tmp_path / "bare", tmp_path) as window:
         window.click_widget("menu Labels")
         window.click_widget("menu labels.find_objects")
+        window.click_widget("find.alone")
+        window.click_widget("dialog.accept")
         window.wait_for_edit("Find objects")
         state = window.wait_for(lambda state: "found; click them" in state["messages"][-1], "what was found")
         assert len(state["visible"]) >= 5
