@@ -42,7 +42,8 @@ class Rig:
         # Turns between two steps are small: a few even parts of each are exact enough, and quick.
         keys = lower * _KEYS + np.round(share * _PARTS).astype(np.int64) + _PARTS
         used = np.flatnonzero(np.bincount(keys))
-        turned = [slerp(quats[key // _KEYS], quats[key // _KEYS + 1], key % _KEYS / _PARTS - 1) for key in used.tolist()]
+        steps = (divmod(key, _KEYS) for key in used.tolist())
+        turned = [slerp(quats[low], quats[low + 1], part / _PARTS - 1) for low, part in steps]
         numbers = np.zeros(int(keys.max(initial=0)) + 1, np.int64)
         numbers[used] = np.arange(len(used))
         turns = matrix_from_quaternion(np.stack(turned))[numbers[keys]]
