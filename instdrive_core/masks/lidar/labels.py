@@ -56,7 +56,7 @@ class LidarLabels:
         if not clip.training_sweeps:
             remedy = "Choose another source of masks; `instdrive masks --help` lists them"
             raise DataError(clip.path, "has no LiDAR sweeps to make masks of", remedy)
-        self._scene: LidarScene = build_lidar_scene(clip)
+        self._scene: LidarScene = build_lidar_scene(clip, posts_apart=False)
         self._things = self._scene.group_things()
         self._sky_search = SkySearch(clip, lambda frame: self._draw(frame.view.camera, frame.view.time)[0] != OPEN)
         self._regions = self._find_regions(clip)

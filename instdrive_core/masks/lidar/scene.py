@@ -104,8 +104,13 @@ class _Standing:
         return replace(self, points=self.points[kept], sensor=self.sensor[kept], distance=self.distance[kept])
 
 
-def build_lidar_scene(clip: Clip) -> LidarScene:
-    """Find ground, standing and moving things in a clip's training sweeps; classes and cuboids are not looked at."""
+def build_lidar_scene(clip: Clip, posts_apart: bool = True) -> LidarScene:
+    """Find ground, standing and moving things in a clip's training sweeps; classes and cuboids are not looked at.
+
+    Args:
+        clip: the clip.
+        posts_apart: posts, signs and lamps more than 30 m away are things; else they are parts of walls.
+    """
     sweeps = [_select_near_points(clip, sweep) for sweep in clip.training_sweeps]
     sweeps = [one for one in sweeps if len(one.points)]
     if not sweeps:
@@ -122,6 +127,7 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
         np.array([one.position for one in sweeps]),
         ground,
         estimate_beams(clip).upper_end,
+        posts_apart,
     )
     floor = np.concatenate([one.points[flat] for one, flat in zip(sweeps, low, strict=True)])
     floor = floor[thin_rows(floor, VOXEL)]
@@ -167,7 +173,11 @@ def _gather_moving(
 
 
 def _gather_static(
-    points: Float32[ndarray, "n 3"], sensors: Float64[ndarray, "s 3"], ground: GroundSurface, highest: float
+    points: Float32[ndarray, "n 3"],
+    sensors: Float64[ndarray, "s 3"],
+    ground: GroundSurface,
+    highest: float,
+    posts_apart: bool,
 ) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"], UInt32[ndarray, " i"]]:
     """Gather what stands still, thinned, with its IDs and the kind of each ID."""
     points = points[thin_rows(points, VOXEL)]
@@ -189,7 +199,7 @@ def _gather_static(
     clusters = claim_insides(points, clusters, range(first, len(kinds)), above)
     clusters, kinds = part_walls(points, clusters, kinds, above, _compute_ceiling(points, sensors, above, highest))
     distance = distance.astype(np.float32)
-    kinds = recognize_stuff(points, clusters, kinds, above, distance)
+    kinds = recognize_stuff(points, clusters, kinds, above, distance, posts_apart)
     clusters = join_wide(points, clusters, kinds, distance)
     return points, *_number_points(*_merge_scraps(kinds, clusters))
 

@@ -131,6 +131,7 @@ def recognize_stuff(
     kinds: UInt32[ndarray, " c"],
     above: Float32[ndarray, " n"],
     distance: Float32[ndarray, " n"],
+    posts_apart: bool,
 ) -> UInt32[ndarray, " c"]:
     """Recognize what one cluster alone does not tell; returns the kinds.
 
@@ -144,6 +145,7 @@ def recognize_stuff(
         kinds: kind by number (`cluster_kind`).
         above: metres above the ground.
         distance: metres from the sensor's path.
+        posts_apart: far posts, signs and lamps stay things.
     """
     if not len(points):
         return kinds
@@ -151,7 +153,8 @@ def recognize_stuff(
     mean_distance = np.bincount(clusters, distance, len(kinds)) / counts
     furniture = (kinds == THING) & (mean_distance > FAR) & find_furniture(points, clusters, above, len(kinds))
     found = np.where(_find_fence_tops(points, clusters, kinds, above), WALL, kinds).astype(np.uint32)
-    found[furniture] = WALL
+    if not posts_apart:
+        found[furniture] = WALL
     found[np.isin(found, (FACADE, WALL, VEGETATION)) & (mean_distance > VERY_FAR)] = BACKDROP
     return found
 

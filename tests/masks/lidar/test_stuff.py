@@ -92,8 +92,10 @@ def test_what_stands_around_tells_what_a_cluster_is():
     far_car, house = box([40, 9, 0.2], [44, 10.8, 1.5], 200), box([80, 0, 0], [95, 1, 7], 900)
     points, clusters = cluster(fence, bars, shrub, near_post, far_post, far_car, house)
     kinds = np.array([WALL, VEGETATION, VEGETATION, THING, THING, THING, FACADE], np.uint32)
-    found = recognize_stuff(points, clusters, kinds, points[:, 2], points[:, 0])
+    found = recognize_stuff(points, clusters, kinds, points[:, 2], points[:, 0], posts_apart=False)
     assert found.tolist() == [WALL, WALL, VEGETATION, THING, WALL, THING, BACKDROP]
+    found = recognize_stuff(points, clusters, kinds, points[:, 2], points[:, 0], posts_apart=True)
+    assert found.tolist() == [WALL, WALL, VEGETATION, THING, THING, THING, BACKDROP]
 
 
 def test_only_pieces_of_one_kind_join():
