@@ -1,16 +1,17 @@
-"""Kinds of clusters of LiDAR points by size and shape: things, parts of facades, vegetation."""
+"""Kinds of clusters of LiDAR points by size and shape: things, parts of facades, low walls, vegetation."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float32, Int32, Int64, UInt32
+from jaxtyping import Bool, Float32, Int32, Int64, UInt32
 from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.masks.lidar.point_shape import PointShape
 
-NONE, GROUND, FACADE, VEGETATION, THING = range(5)
-"""Kinds of clusters, the wide ones before things."""
+NONE, GROUND, FACADE, WALL, VEGETATION, BACKDROP, THING = range(7)
+"""Kinds of clusters, the wide ones before things. Walls are fences and long hedges, too, no higher than a lorry. The
+backdrop is what is wide and so far off that its shape does not tell what it is."""
 
 MIN_POINTS = 8
 """Smaller clusters are nothing."""
@@ -32,6 +33,13 @@ WALL_PIECE = 2.5
 """Metres along the ground of a piece of a tall facade."""
 SMALLEST_PLANT = 0.8
 """Metres along the ground."""
+VEHICLE_LENGTH, VEHICLE_WIDTH, VEHICLE_TOP, VEHICLE_BASE = 5.6, 2.3, 2.6, 1.0
+"""Metres that a car or van may measure, and above the ground where its lowest point may be."""
+SHORTEST = 1.5
+"""Metres that a vehicle's rear is wide at least."""
+POST_LENGTH, TALLEST = 1.6, 4.2
+"""Metres: what is higher than a van and no longer than the first, or higher than a lorry, the second, or does not stand
+on the ground, is street furniture: posts, signs, lamps."""
 
 
 def classify_clusters(
@@ -40,7 +48,7 @@ def classify_clusters(
     shape: PointShape,
     above: Float32[ndarray, " n"],
 ) -> UInt32[ndarray, " c"]:
-    """Classify each cluster as `NONE`, `GROUND`, `FACADE`, `VEGETATION` or `THING`.
+    """Classify each cluster as `NONE`, `GROUND`, `FACADE`, `WALL`, `VEGETATION` or `THING`; long hedges are walls.
 
     Args:
         points: metres.
@@ -60,12 +68,26 @@ def classify_clusters(
     kinds = np.full(len(numbers), THING, np.uint32)
     large = ((length > LONG) & (top > TALL)) | (length > VERY_LONG)
     kinds[large] = np.where((upright[large] > UPRIGHT) | (scatter[large] < SURFACE), FACADE, VEGETATION)
-    kinds[(scatter > SCATTERED) & (length > SMALLEST_PLANT) & (top > 1.0)] = VEGETATION
+    no_vehicle = (top > VEHICLE_TOP) | (length > VEHICLE_LENGTH) | (length < SHORTEST) | (base > VEHICLE_BASE)
+    kinds[(scatter > SCATTERED) & (length > SMALLEST_PLANT) & (top > 1.0) & no_vehicle] = VEGETATION
     kinds[(scatter > SURFACE) & (base > OVERHEAD) & (length > SMALLEST_PLANT)] = VEGETATION
     kinds[(upright > UPRIGHT) & (top > TALL) & (length > WALL_PIECE) & (scatter < SCATTERED)] = FACADE
+    kinds[(kinds == VEGETATION) & (top < TALL) & (length > LONG)] = WALL
     kinds[top < FLAT] = GROUND
     kinds[counts < MIN_POINTS] = NONE
     return kinds
+
+
+def find_furniture(
+    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], above: Float32[ndarray, " n"], count: int
+) -> Bool[ndarray, " c"]:
+    """Find which of `count` clusters (number by point) are too slim, high or airy for anything but posts and signs."""
+    counts = np.bincount(clusters, minlength=count)
+    length = _measure_length(points, clusters, counts)
+    top = np.asarray(ndimage.maximum(above, clusters, np.arange(count)))
+    base = np.asarray(ndimage.minimum(above, clusters, np.arange(count)))
+    slender = (top > VEHICLE_TOP) & (length < POST_LENGTH)
+    return (counts > 0) & ((base > VEHICLE_BASE) | (top > TALLEST) | slender)
 
 
 def _measure_length(

@@ -11,8 +11,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
-VEHICLE_LENGTH, VEHICLE_WIDTH, VEHICLE_TOP = 5.6, 2.3, 2.6
-"""Metres that parts joined to one vehicle may measure."""
+from instdrive_core.masks.lidar.cluster_kind import VEHICLE_LENGTH, VEHICLE_TOP, VEHICLE_WIDTH
+
 GAP = 0.6
 """Metres along the ground between parts of one vehicle."""
 STANDING_HEIGHT, STANDING_LENGTH = 1.2, 1.0
@@ -25,6 +25,13 @@ SURROUNDED = 0.3
 """Share of a small cluster's points that lie within reach of a larger one for it to be a part of it."""
 SPLINTER = 1.2
 """Metres: longer clusters are not joined to others for being surrounded."""
+STEP, LEAST_PART = 0.125, 2.0
+"""Metres along a row of vehicles: from one place to the next whose highest point is looked at, over twice as much, and
+of the least part of a vehicle that a gap may leave."""
+DENSE = 100
+"""Points per metre along a row of vehicles, without which a gap does not show."""
+GAP_TOP = 0.5
+"""Share of the lower of two roofs below which what lies between is a gap."""
 
 
 def join_vehicle_parts(
@@ -64,6 +71,54 @@ def join_vehicle_parts(
     joined = np.full(len(clusters), -1, np.int32)
     joined[rows] = np.unique(owner[compact], return_inverse=True)[1]
     return joined
+
+
+def part_queues(
+    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], above: Float32[ndarray, " n"]
+) -> Int32[ndarray, " n"]:
+    """Part vehicles that stand bumper to bumper; clusters are renumbered from 0.
+
+    What is as narrow as a vehicle but longer is cut across where it is low between two higher parts, each as long as a
+    vehicle is at least: a bonnet is never half as high as the lower of the roofs before and behind it, a gap is.
+
+    Args:
+        points: metres.
+        clusters: number by point, none left out.
+        above: metres above the ground.
+    """
+    order = np.argsort(clusters, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(clusters[order])) + 1)
+    parted, found = clusters.astype(np.int64), int(clusters.max(initial=-1)) + 1
+    while parts:
+        part = parts.pop()
+        if len(part) < DENSE * VEHICLE_LENGTH or above[part].max() > VEHICLE_TOP:
+            continue
+        before = _find_gap(points[part, :2].astype(float), above[part])
+        if before is not None:
+            parted[part[before]], found = found, found + 1
+            parts += [part[before], part[~before]]
+    return np.unique(parted, return_inverse=True)[1].astype(np.int32)
+
+
+def _find_gap(places: Float64[ndarray, "k 2"], above: Float32[ndarray, " k"]) -> Bool[ndarray, " k"] | None:
+    """Which points lie before the lowest gap in a row of vehicles; None where there is none."""
+    hull = _compute_hull(places)
+    length, width = _measure_hull(hull)
+    if length < VEHICLE_LENGTH or width > VEHICLE_WIDTH:
+        return None
+    if len(places) < DENSE * length:
+        return None
+    along = places @ _find_long_axis(hull)
+    steps = ((along - along.min()) / STEP).astype(np.int64)
+    tops = np.zeros(int(steps.max()) + 1)
+    np.maximum.at(tops, steps, above)
+    tops = np.maximum(tops[:-1], tops[1:])
+    margin = round(LEAST_PART / STEP)
+    inner = np.arange(margin, len(tops) - margin)
+    roofs = np.array([min(tops[:place].max(), tops[place + 1 :].max()) for place in inner])
+    if not len(inner) or not (tops[inner] < GAP_TOP * roofs).any():
+        return None
+    return steps <= inner[int(np.argmin(tops[inner] / roofs))]
 
 
 def claim_insides(
@@ -159,12 +214,18 @@ def _compute_hull(places: Float64[ndarray, "n 2"]) -> Float64[ndarray, "h 2"]:
 
 def _measure_hull(hull: Float64[ndarray, "h 2"]) -> tuple[float, float]:
     """Length and width of the smallest of some rectangles around a hull."""
+    axis = _find_long_axis(hull)
+    return float(np.ptp(hull @ axis)), float(np.ptp(hull @ np.array([-axis[1], axis[0]])))
+
+
+def _find_long_axis(hull: Float64[ndarray, "h 2"]) -> Float64[ndarray, "2"]:
+    """The direction of the longer side of the smallest of some rectangles around a hull."""
     angles = np.radians(np.arange(0, 90, 5.0))
     axes = np.stack([np.cos(angles), np.sin(angles)])
-    along = np.ptp(hull @ axes, axis=0)
-    across = np.ptp(hull @ np.stack([-axes[1], axes[0]]), axis=0)
+    turned = np.stack([-axes[1], axes[0]])
+    along, across = np.ptp(hull @ axes, axis=0), np.ptp(hull @ turned, axis=0)
     best = int(np.argmin((along + 0.1) * (across + 0.1)))
-    return float(max(along[best], across[best])), float(min(along[best], across[best]))
+    return axes[:, best] if along[best] >= across[best] else turned[:, best]
 
 
 def _is_within(places: Float64[ndarray, "n 2"], hull: Float64[ndarray, "h 2"]) -> Bool[ndarray, " n"]:

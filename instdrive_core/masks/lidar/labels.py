@@ -6,20 +6,22 @@ Only points, times, camera poses and photos are used, of training time steps alo
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt32
+from jaxtyping import Bool, Float32, Int32, Int64, UInt32
 from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.masks.annotated.labels import OPEN, open_borders
+from instdrive_core.masks.annotated.stuff_regions import merge_into_regions
 from instdrive_core.masks.image.point_drawing import draw_points
 from instdrive_core.masks.image.sky import find_sky_gaps
 from instdrive_core.masks.image.sky_search import SkySearch
 from instdrive_core.masks.image.spreading import spread_labels
-from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, THING, VEGETATION
+from instdrive_core.masks.lidar.cluster_kind import BACKDROP, FACADE, GROUND, THING, VEGETATION, WALL
 from instdrive_core.masks.lidar.regions import draw_things, fill_label_holes, vote_by_superpixel
 from instdrive_core.masks.lidar.scene import LidarScene, build_lidar_scene
+from instdrive_core.masks.lidar.stuff_pixels import count_stuff_pixels
 from instdrive_core.scene.camera import Camera
 
 POINT_SIZE = 0.15
@@ -32,9 +34,11 @@ MIN_PIXELS = 40
 """Smaller masks are left out."""
 SEAM = 2.0
 """Pixels: gaps this wide along edges too strong to spread into are closed without looking at the photo."""
-REACHES = {GROUND: 0.12, FACADE: 0.06, VEGETATION: 0.03}
+REACHES = {GROUND: 0.12, FACADE: 0.06, WALL: 0.06, VEGETATION: 0.03, BACKDROP: 0.03}
 REACH = 0.0125
 """Distances, as shares of the image's width, up to which wide surfaces, and things and the sky spread."""
+REGION_PHOTOS = 40
+"""Photos, evenly over the drive and the cameras, that say which facades, walls and plants hang together."""
 
 
 class LidarLabels:
@@ -52,9 +56,10 @@ class LidarLabels:
         if not clip.training_sweeps:
             remedy = "Choose another source of masks; `instdrive masks --help` lists them"
             raise DataError(clip.path, "has no LiDAR sweeps to make masks of", remedy)
-        self._scene: LidarScene = build_lidar_scene(clip)
+        self._scene: LidarScene = build_lidar_scene(clip, posts_apart=False)
         self._things = self._scene.group_things()
         self._sky_search = SkySearch(clip, lambda frame: self._draw(frame.view.camera, frame.view.time)[0] != OPEN)
+        self._regions = self._find_regions(clip)
         self._last: tuple[str, Int32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
@@ -70,10 +75,20 @@ class LidarLabels:
         """Load the sky at the frame's size."""
         return self._load_labels(frame)[1]
 
+    def _find_regions(self, clip: Clip) -> Int64[ndarray, " i"]:
+        """Find the ID that stands for each facade, wall and plant: those that photos show as one are one."""
+        frames = clip.training_frames
+        chosen = np.unique(np.linspace(0, len(frames) - 1, REGION_PHOTOS).astype(int)) if frames else []
+        wide = self._scene.kinds[: self._scene.first_thing]
+        photos = [count_stuff_pixels(self._make_labels(frames[number])[0], wide) for number in chosen]
+        return merge_into_regions(photos, wide)
+
     def _load_labels(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
         """Labels, `OPEN` where nothing is known, and the sky. The last frame's are kept."""
         if self._last is None or self._last[0] != frame.key:
             labels, sky = self._make_labels(frame)
+            wide = (labels != OPEN) & (labels < len(self._regions))
+            labels[wide] = self._regions[labels[wide]]
             self._last = frame.key, labels, sky
         return self._last[1], self._last[2]
 

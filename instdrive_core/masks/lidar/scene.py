@@ -6,6 +6,7 @@ clustered in each sweep by itself and carried to other times by the motion found
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,15 +15,24 @@ from numpy import ndarray
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip, Sweep
-from instdrive_core.masks.image.beams import estimate_sensor_position
-from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, classify_clusters
+from instdrive_core.masks.image.beams import estimate_beams, estimate_sensor_position
+from instdrive_core.masks.lidar.cluster_kind import (
+    BACKDROP,
+    FACADE,
+    GROUND,
+    NONE,
+    THING,
+    VEGETATION,
+    WALL,
+    classify_clusters,
+)
 from instdrive_core.masks.lidar.cluster_motion import MovingCluster, complete_clusters
-from instdrive_core.masks.lidar.cluster_parts import claim_insides, join_splinters, join_vehicle_parts
+from instdrive_core.masks.lidar.cluster_parts import claim_insides, join_splinters, join_vehicle_parts, part_queues
 from instdrive_core.masks.lidar.clusters import absorb_small_clusters, cluster_points, thin_rows
 from instdrive_core.masks.lidar.ground import GroundSurface, find_ground, is_ground
 from instdrive_core.masks.lidar.moving_points import ClusteredSweep, find_moving_clusters
 from instdrive_core.masks.lidar.point_shape import compute_point_shape
-from instdrive_core.masks.lidar.walls import join_facades
+from instdrive_core.masks.lidar.walls import join_wide, part_walls, recognize_stuff
 
 MAX_DISTANCE = 90.0
 """Metres from the sensor up to which points are used."""
@@ -35,7 +45,7 @@ SWEEP_REACH = 0.4
 MIRRORED = 0.3
 """Metres below the ground from which on points are mirror images."""
 MIN_WIDE_POINTS = 300
-"""Facades and plants of fewer points, far away mostly, share an ID."""
+"""Facades of fewer points, far away mostly, share an ID; so do walls, plants and pieces of the backdrop."""
 MIN_MOVING_POINTS = 12
 LOWEST_FOLIAGE = 1.0
 """Metres above the ground: what lies lower is as likely part of a car."""
@@ -45,13 +55,14 @@ FOLIAGE = 0.42
 
 @dataclass(frozen=True)
 class LidarScene:
-    """Points with IDs: 1 for the ground, then one for each facade, plant and thing."""
+    """Points with IDs: 1 for the ground, then one for each facade, wall, plant, piece of the backdrop and thing."""
 
     points: Float32[ndarray, "n 3"]
     """Points of what stands still, in the world."""
     ids: UInt32[ndarray, " n"]
     kinds: UInt32[ndarray, " i"]
-    """`GROUND`, `FACADE`, `VEGETATION` or `THING` by ID of what stands still, ascending; the first ID is nothing."""
+    """`GROUND`, `FACADE`, `WALL`, `VEGETATION`, `BACKDROP` or `THING` by ID of what stands still, ascending; the
+    first ID is nothing."""
     moving: dict[float, list[MovingCluster]]
     """Moving clusters by time of the sweep that saw them."""
 
@@ -93,8 +104,13 @@ class _Standing:
         return replace(self, points=self.points[kept], sensor=self.sensor[kept], distance=self.distance[kept])
 
 
-def build_lidar_scene(clip: Clip) -> LidarScene:
-    """Find ground, standing and moving things in a clip's training sweeps; classes and cuboids are not looked at."""
+def build_lidar_scene(clip: Clip, posts_apart: bool = True) -> LidarScene:
+    """Find ground, standing and moving things in a clip's training sweeps; classes and cuboids are not looked at.
+
+    Args:
+        clip: the clip.
+        posts_apart: posts, signs and lamps more than 30 m away are things; else they are parts of walls.
+    """
     sweeps = [_select_near_points(clip, sweep) for sweep in clip.training_sweeps]
     sweeps = [one for one in sweeps if len(one.points)]
     if not sweeps:
@@ -110,6 +126,8 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
         np.concatenate([one.points[kept] for one, kept in zip(sweeps, still, strict=True)]),
         np.array([one.position for one in sweeps]),
         ground,
+        estimate_beams(clip).upper_end,
+        posts_apart,
     )
     floor = np.concatenate([one.points[flat] for one, flat in zip(sweeps, low, strict=True)])
     floor = floor[thin_rows(floor, VOXEL)]
@@ -155,7 +173,11 @@ def _gather_moving(
 
 
 def _gather_static(
-    points: Float32[ndarray, "n 3"], sensors: Float64[ndarray, "s 3"], ground: GroundSurface
+    points: Float32[ndarray, "n 3"],
+    sensors: Float64[ndarray, "s 3"],
+    ground: GroundSurface,
+    highest: float,
+    posts_apart: bool,
 ) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"], UInt32[ndarray, " i"]]:
     """Gather what stands still, thinned, with its IDs and the kind of each ID."""
     points = points[thin_rows(points, VOXEL)]
@@ -167,6 +189,7 @@ def _gather_static(
     clusters = join_splinters(
         points, absorb_small_clusters(points, cluster_points(points, reach, foliage), reach), reach
     )
+    clusters = part_queues(points, clusters, above)
     kinds = classify_clusters(points, clusters, shape, above)
     things = kinds[clusters] == THING
     whole = join_vehicle_parts(points, np.where(things, clusters, -1).astype(np.int32), above)
@@ -174,17 +197,29 @@ def _gather_static(
     first = len(kinds)
     kinds = np.append(kinds, np.full(int(whole.max(initial=-1)) + 1, THING, np.uint32))
     clusters = claim_insides(points, clusters, range(first, len(kinds)), above)
-    clusters = join_facades(points, clusters, kinds, distance.astype(np.float32))
+    clusters, kinds = part_walls(points, clusters, kinds, above, _compute_ceiling(points, sensors, above, highest))
+    distance = distance.astype(np.float32)
+    kinds = recognize_stuff(points, clusters, kinds, above, distance, posts_apart)
+    clusters = join_wide(points, clusters, kinds, distance)
     return points, *_number_points(*_merge_scraps(kinds, clusters))
+
+
+def _compute_ceiling(
+    points: Float32[ndarray, "n 3"], sensors: Float64[ndarray, "s 3"], above: Float32[ndarray, " n"], highest: float
+) -> Float32[ndarray, " n"]:
+    """Compute how many metres above the ground the highest beam, at so many degrees, passes each point."""
+    distance, nearest = KDTree(sensors[:, :2]).query(points[:, :2])
+    passes = sensors[nearest, 2] + np.asarray(distance) * math.tan(math.radians(highest))
+    return (passes - points[:, 2] + above).astype(np.float32)
 
 
 def _merge_scraps(
     kinds: UInt32[ndarray, " c"], clusters: Int32[ndarray, " n"]
 ) -> tuple[UInt32[ndarray, " c"], Int32[ndarray, " n"]]:
-    """Merge scraps: kinds and clusters with all small clusters of facades in one, and all small ones of plants."""
+    """Merge scraps: kinds and clusters with all small clusters of facades in one, so those of walls, and of plants."""
     small = np.bincount(clusters, minlength=len(kinds)) < MIN_WIDE_POINTS
     joined = np.arange(len(kinds), dtype=np.int32)
-    for kind in (FACADE, VEGETATION):
+    for kind in (FACADE, WALL, VEGETATION, BACKDROP):
         scraps = np.flatnonzero(small & (kinds == kind))
         joined[scraps] = scraps[:1]
     return kinds, joined[clusters]

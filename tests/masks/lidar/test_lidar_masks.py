@@ -20,7 +20,7 @@ from instdrive_core.masks.lidar.moving_points import ClusteredSweep, find_moving
 from instdrive_core.masks.lidar.point_shape import compute_point_shape
 from instdrive_core.masks.lidar.regions import fill_label_holes, vote_by_superpixel
 from instdrive_core.masks.lidar.see_through import build_range_image, is_seen_through
-from instdrive_core.masks.lidar.walls import join_facades
+from instdrive_core.masks.lidar.walls import join_wide
 
 
 def box(low, high, count, rng):
@@ -221,9 +221,9 @@ def test_a_wall_cut_by_windows_and_its_cornice_are_one_facade_and_the_house_oppo
     clusters = np.repeat(np.arange(6), [len(part) for part in parts]).astype(np.int32)
     kinds = np.array([FACADE] * 5 + [VEGETATION], np.uint32)
     points = np.concatenate(parts)
-    joined = join_facades(points, clusters, kinds, np.full(len(points), 10, np.float32))
+    joined = join_wide(points, clusters, kinds, np.full(len(points), 10, np.float32))
     assert [np.unique(joined[clusters == number]).tolist() for number in range(6)] == [[0]] * 4 + [[4], [5]]
-    far = join_facades(points * 3, clusters, kinds, np.full(len(points), 80, np.float32))
+    far = join_wide(points * 3, clusters, kinds, np.full(len(points), 80, np.float32))
     assert set(far[clusters < 3]) == {0}, "far away, points lie farther apart"
 
 
