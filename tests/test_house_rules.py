@@ -83,6 +83,14 @@ def test_a_public_name_stands_in_one_module_or_fulfils_a_contract():
     assert len(shared) <= MOST_SHARED_NAMES, sorted(shared)
 
 
+def test_files_of_tests_have_names_of_their_own():
+    """Folders of tests are no packages: of two files of one name, only the first can be imported."""
+    found = defaultdict(list)
+    for path in (ROOT / "tests").rglob("*.py"):
+        found[path.name].append(path.relative_to(ROOT).as_posix())
+    assert not {name: paths for name, paths in found.items() if len(paths) > 1 and name.startswith("test_")}
+
+
 def test_contracts_name_modules_that_there_are():
     files = {folder: python_files(folder) for folder in PACKAGES}
     modules = {
