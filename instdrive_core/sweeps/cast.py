@@ -16,9 +16,9 @@ from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.sweeps.kernels import HELD, LEAST_ALPHA, walk_rays
-from instdrive_core.sweeps.tiles import fill_tiles, find_tile_ranges, whiten
+from instdrive_core.sweeps.tiles import fill_tiles, find_tile_ranges, find_velocities, whiten
 
-_TILE = math.radians(1.5)
+_TILE = math.radians(2.0)
 _DRIFT = 0.6
 """Metres that the sensor may move among rays that are cast together."""
 _SPAN = 0.1
@@ -222,10 +222,8 @@ class RayCaster:
         placed.means[moved] = means - middle
         placed.matrices[moved] = whiten(normalize_quaternions(quats).astype(np.float32), self._log_scales[moved])
         later, _ = self.scene.find_node_poses(time + _STEP)
-        turn = later @ np.linalg.inv(poses)
-        places = means.astype(np.float64)
-        after = np.einsum("nij,nj->ni", turn[nodes, :3, :3], places) + turn[nodes, :3, 3]
-        placed.velocities[moved] = (after - places) / _STEP
+        turns = later @ np.linalg.inv(poses)
+        placed.velocities[moved] = find_velocities(means, nodes, turns[:, :3], _STEP)
 
 
 def _make_room(count: int, lists: bool) -> tuple[ndarray, ...]:

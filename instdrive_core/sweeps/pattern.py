@@ -41,7 +41,9 @@ class Pattern:
         times = moment + self.delays.astype(np.float64)
         places, turns = rig.place(times)
         directions = np.einsum("nij,nj->ni", turns, self.directions.astype(np.float64))
-        return LidarRays(places + turns @ self.place, directions, times)
+        if self.place.any():
+            places = places + turns @ self.place
+        return LidarRays(places, directions, times)
 
 
 def trace_pattern(rig: Rig, moment: float, found: SweepPoints, place: Float64[ndarray, "3"] = AMID) -> Pattern:

@@ -10,7 +10,7 @@ import math
 
 import numba
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, Int64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64
 from numpy import ndarray
 
 _STEEPEST = 0.5
@@ -34,6 +34,20 @@ def whiten(quats: ndarray, log_scales: ndarray) -> Float32[ndarray, "n 3 3"]:
         matrices[i, 2, 1] = c * (2 * (y * z - w * x))
         matrices[i, 2, 2] = c * (1 - 2 * (x * x + y * y))
     return matrices
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def find_velocities(
+    places: Float32[ndarray, "n 3"], nodes: ndarray, turns: Float64[ndarray, "m 3 4"], step: float
+) -> Float32[ndarray, "n 3"]:
+    """Compute the velocity (m/s) of each place whose node a turn moves within `step` seconds."""
+    velocities = np.empty((len(places), 3), np.float32)
+    for i in numba.prange(len(places)):
+        turn, x, y, z = turns[nodes[i]], float(places[i, 0]), float(places[i, 1]), float(places[i, 2])
+        for axis in range(3):
+            after = turn[axis, 0] * x + turn[axis, 1] * y + turn[axis, 2] * z + turn[axis, 3]
+            velocities[i, axis] = (after - places[i, axis]) / step
+    return velocities
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
