@@ -12,7 +12,10 @@ the street itself, which is ray-traced again. `edit_psnr` is over the pixels tha
 `edit_psnr_trusted`: over those with a confidence of at least a half, `edit_trusted_share` of them;
 `edit_psnr_median_view`: of the median photo), `edit_mask_iou` the overlap of the moved cars' masks.
 
-`serve_ms` and its kin are what `benchmarks.serving` measures of the same run.
+`edit_box_iou` is the mean overlap of the moved cars' boxes with the true ones; a box of the deleted car counts as 0.
+
+`lidar_median_m`, `seconds_sweep` and their kin are what `benchmarks.sweeps` measures of the same run, `real_…` of a
+second one, `serve_ms` and its kin what `benchmarks.serving` does.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from benchmarks.box_overlap import compute_box_iou
 from benchmarks.hole_streets import train_street
 from benchmarks.seen_truth import find_seen_pixels, place_camera
 from benchmarks.serving import measure_serving
+from benchmarks.sweeps import measure_sweeps
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.synthetic.config import StreetConfig
@@ -88,6 +92,8 @@ class Options:
     preset: Preset = "quick"
     views: int = 18
     """Photos of the edited street that are compared."""
+    real: Path | None = None
+    """A run on a real drive, whose held-out sweeps are cast, too."""
 
 
 def measure_recording(options: Options) -> dict[str, Any]:
@@ -104,7 +110,9 @@ def measure_recording(options: Options) -> dict[str, Any]:
         seconds = time.perf_counter() - started
         found = _measure_round_trip(folder / "recorded", drive, clip)
         found |= {"views": len(drive.views), "seconds_120_views": round(seconds * 120 / len(drive.views), 1)}
-        return found | _measure_edits(folder, document, clip, options.views) | measure_serving(run)
+        found |= _measure_edits(folder, document, clip, options.views) | measure_sweeps(run) | measure_serving(run)
+        real = measure_sweeps(options.real) if options.real is not None else {}
+        return found | {f"real_{key}": value for key, value in real.items()}
 
 
 def _measure_round_trip(folder: Path, drive: Drive, clip: Clip) -> dict[str, Any]:
@@ -189,6 +197,30 @@ class _Edited:
     """Actors that an edit concerns."""
 
 
+def _measure_edited_boxes(
+    street: Street, edited: _Edited, drive: Drive, clip: Clip, owners: dict[str, int]
+) -> dict[str, Any]:
+    """Overlaps of the moved cars' boxes with the true ones; a box of the deleted one counts as 0."""
+    things, overlaps = find_boxed_things(drive.scene, drive.moves, drive.annotated), []
+    tracks, world = {track.id: track for track in clip.true_tracks}, street.world_from_street()
+    for moment in sorted({view.time for view in drive.views}):
+        placed = {box.thing.instance.id: box for box in place_boxes(drive.scene, things, moment)}
+        for actor in edited.touched:
+            uuid = str(street.actors[actor].uuid)
+            box, track = placed.get(owners[uuid]), tracks[uuid]
+            if actor not in edited.moved:
+                overlaps += [0.0] if box is not None else []
+            elif track.covers(moment, 0.01):
+                before, after = (
+                    world @ known.box_pose(known.actors[actor], moment) for known in (street, edited.street)
+                )
+                true = track.interpolate_pose(moment)
+                true[:3, 3] += (after - before)[:3, 3]
+                here = None if box is None else (box.world_from_box, box.thing.dimensions)
+                overlaps.append(0.0 if here is None else compute_box_iou(*here, true, track.dimensions))
+    return {"edit_box_iou": round(float(np.mean(overlaps)), 4), "edit_boxes": len(overlaps)}
+
+
 def _measure_edits(folder: Path, document: Document, clip: Clip, count: int) -> dict[str, Any]:
     street = StreetUnits(clip.path).street
     owners = _match_instances(folder / "recorded", clip, document.scene)
@@ -198,6 +230,7 @@ def _measure_edits(folder: Path, document: Document, clip: Clip, count: int) -> 
     drive = take_drive(edited.document, RecordOptions(exposed=True, confidence=True))
     drive = replace(drive, views=tuple(view for view in drive.views if (view.name, view.index) in asked))
     record_drive(folder / "edited", drive)
+    boxes = _measure_edited_boxes(street, edited, drive, clip, owners)
     squares: dict[str, list[ndarray]] = {"after": [], "before": []}
     trusted: list[ndarray] = []
     maps: list[ndarray] = []
@@ -221,7 +254,7 @@ def _measure_edits(folder: Path, document: Document, clip: Clip, count: int) -> 
                 shared, joined = shared + int((true & shown).sum()), joined + int((true | shown).sum())
     seen = find_seen_pixels(street, edited.street, clip, views, maps)
     known = [each[changed] for each, changed in zip(seen, maps, strict=True)]
-    return {
+    return boxes | {
         "edit_psnr": _to_decibels(squares["after"]),
         "edit_psnr_seen": _to_decibels([each[sure] for each, sure in zip(squares["after"], known, strict=True)]),
         "edit_seen_share": round(float(np.concatenate(known).mean()), 4),
