@@ -24,7 +24,7 @@ from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
 from instdrive_core.progress import report
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import copy_at_home
+from instdrive_core.scene.transforms import copy_at_home, find_away
 from instdrive_core.wording import format_count, phrase
 
 MAX_GAP_SHARE = 0.02
@@ -162,9 +162,12 @@ def _build_report(document: Document, parts: Sequence[DeletedPart], time: float)
 
 def _stands_where_it_was(document: Document, rows: Int64[ndarray, " m"]) -> bool:
     """Whether a thing hides what photos hid behind it; one that was put elsewhere leaves nothing where it stands."""
-    there = document.compute_means(rows)
-    home = copy_at_home(document.scene.gaussians, document.transforms, rows).means
-    return not len(rows) or float(np.median(np.linalg.norm(there - home, axis=1))) <= PUT_ELSEWHERE
+    away = rows[find_away(document.transforms, rows)]
+    if 2 * len(away) <= len(rows):
+        return True
+    home = copy_at_home(document.scene.gaussians, document.transforms, away).means
+    far = np.linalg.norm(document.compute_means(away) - home, axis=1) > PUT_ELSEWHERE
+    return bool(2 * np.count_nonzero(far) <= len(rows))
 
 
 def _find_hole(

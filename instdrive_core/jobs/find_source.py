@@ -18,7 +18,7 @@ from instdrive_core.masks.label_map_folder import SIDECAR, MaskFolder, open_mask
 from instdrive_core.masks.sources import SourceOptions
 from instdrive_core.wording import phrase
 
-_MADE: tuple[MaskPlan, ...] = ("exact", "annotations", "lidar", "sam")
+MADE: tuple[MaskPlan, ...] = ("exact", "annotations", "lidar", "sam")
 """Sources that a request can name in place of a folder."""
 
 
@@ -93,7 +93,7 @@ def choose_mask_origin(scene: Path, clip: Clip, asked: str) -> MaskOrigin:
 
     Raises DataError where a folder is not there or damaged, OptionError where nothing can make masks.
     """
-    if asked in _MADE:
+    if asked in MADE:
         return MaskOrigin(source=asked)
     if asked and asked != "own":
         folder = Path(asked)
@@ -105,7 +105,7 @@ def choose_mask_origin(scene: Path, clip: Clip, asked: str) -> MaskOrigin:
     finished = _find_finished_masks(scene, clip)
     if finished is not None:
         return MaskOrigin(finished)
-    plan = next((plan for plan in list_mask_plans(clip) if plan in _MADE), None)
+    plan = next((plan for plan in list_mask_plans(clip) if plan in MADE), None)
     if plan is None:
         raise OptionError(
             f"{clip.path}: there are no masks, and nothing to make them of. Choose a folder with a label map for each "

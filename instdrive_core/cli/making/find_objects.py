@@ -47,10 +47,11 @@ def find_objects_in_photos(
     if out is None:
         raise OptionError("--out is missing: give the folder of the job and the project, e.g. -o objects")
     from instdrive_core.cli.making.job_printer import JobPrinter
+    from instdrive_core.jobs.find_source import MADE
     from instdrive_core.jobs.job_file import JobRequest, locate_project
     from instdrive_core.jobs.run_job import run_job
 
-    is_source = masks in ("", "own", "exact", "annotations", "lidar", "sam")
+    is_source = masks in ("", "own", *MADE)
     request = JobRequest(
         str(scene.resolve()),
         kind="find-objects",

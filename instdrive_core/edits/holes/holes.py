@@ -201,11 +201,11 @@ def find_known_ground(
     occluders = [each for each in (_make_occluder(one, grid) for one in others) if each is not None]
     points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
     seen, _ = count_sightings(points, document.scene.views, occluders, 0)
-    known = find_solid_cells(ground) & ~ground.obstructed
+    free = ~ground.obstructed & ~grow_cells(find_covered_cells(others, grid), grid.size, EDGE)
+    known = find_solid_cells(ground) & free
     if (seen >= MIN_SIGHTINGS).any():
         known &= (seen >= MIN_SIGHTINGS).reshape(grid.shape)
-    free = ~ground.obstructed & ~grow_cells(find_covered_cells(others, grid), grid.size, EDGE)
-    return ground, (known & free) | (_find_hearsay(ground, known & free) & free)
+    return ground, known | (_find_hearsay(ground, known) & free)
 
 
 def _find_hearsay(ground: GroundMap, known: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
