@@ -34,6 +34,8 @@ LEAST_MOVE = 0.5
 """Metres: what moves less, or only turns, still covers most of its old place."""
 MOST_RESUMED = 8
 """Last deletions and moves of a recovered document that are reviewed again."""
+MOST_VAIN_FILLS = 2
+"""Fills that are computed beside edits, which make them void; the next one makes edits wait."""
 MOST_INSTANCES = 100
 """Deletions of more instances are not reviewed: that would take minutes, and no single object was taken out."""
 
@@ -221,23 +223,37 @@ class DeletionReview:
             )
 
     def fill(self) -> None:
-        """Fill the hole with ground like that around it, computed in the background."""
-        found, document = self._find_last_hole(), self._context.document
-        edit = None if found is None else found.report.make_fill_edit()
-        if self._filling or found is None or edit is None or document is None:
+        """Fill the last hole with ground like that around it, computed in the background."""
+        if not self._filling:
+            self._fills_all = False
+            self._fill_last()
+
+    def _fill_last(self) -> None:
+        found = next((found for found in reversed(self.pending) if found.hole is not None), None)
+        self._fills_all &= found is not None
+        if found is not None:  # later reports may only have residue
+            self._fill(found, 0)
+
+    def _fill(self, found: DeletionFindings, tries: int) -> None:
+        """Fill a hole. Edits wait for that once it has been computed in vain for so many times."""
+        edit, document = found.report.make_fill_edit(), found.document
+        if edit is None:
             return
         frozen = freeze_document(document)
         self._filling = True
 
         def finish(_: object) -> None:
             self._filling = False
-            if self._context.document is document and self._context.apply(edit):
+            if self._context.document is not document:
+                return
+            if not edit.is_prepared_for(document):  # the document was edited in the meantime
+                if any(each is found for each in self.pending) and found.hole is not None:
+                    self._fill(found, tries + 1)
+            elif self._context.apply(edit):
                 found.fill_edit = edit
                 self._messages.info(phrase("Filled a hole of {area:.1f} m² with synthetic ground", area=edit.area))
-                if self._fills_all and self._find_last_hole() is not None:
-                    self.fill()
-                else:
-                    self._fills_all = False
+                if self._fills_all:
+                    self._fill_last()
 
         def handle_failure(error: BaseException) -> bool:
             self._filling = self._fills_all = False
@@ -245,18 +261,16 @@ class DeletionReview:
                 self._messages.error(phrase("The hole cannot be filled: {error}", error=read_error(error)))
             return isinstance(error, EditError)
 
+        modal = tries >= MOST_VAIN_FILLS
         self._jobs.submit(
-            "Filling the hole", lambda: edit.prepare(frozen), finish, modal=False, on_failure=handle_failure
+            "Filling the hole", lambda: edit.prepare(frozen), finish, modal=modal, on_failure=handle_failure
         )
-
-    def _find_last_hole(self) -> DeletionFindings | None:
-        """The last report with a hole: later ones may only have residue."""
-        return next((found for found in reversed(self.pending) if found.hole is not None), None)
 
     def fill_all(self) -> None:
         """Fill all pending holes, one after the other."""
-        self._fills_all = True
-        self.fill()
+        if not self._filling:
+            self._fills_all = True
+            self._fill_last()
 
     def clear(self) -> None:
         """Dismiss the report that is shown; the one before it is shown then."""

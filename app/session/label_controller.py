@@ -49,14 +49,14 @@ class LabelController:
         document = self._context.document
         if document is None:
             return
-        if split.is_prepared:
+        if split.is_prepared_for(document):
             self._split(document, split)
             return
         frozen = freeze_document(document)
 
         def finish(_: tuple[int, ...]) -> None:
             if self._context.document is document:
-                self._split(document, split)
+                self.split(split)  # searches again where the document was edited in the meantime
 
         self._jobs.submit("Looking for parts", lambda: split.prepare(frozen), finish, modal=False)
 

@@ -35,8 +35,11 @@ def find_body_color(gaussians: Gaussians, rows: Int64[ndarray, " m"]) -> RGB:
     )
     weights = weights + 1e-12
     cells = np.floor(looks / CELL).astype(np.int64)
-    unique, cell = np.unique(cells, axis=0, return_inverse=True)
-    totals = np.bincount(cell.reshape(-1), weights)
+    first = cells.min(axis=0)
+    shape = cells.max(axis=0) - first + 1  # some hundred cells at most: looks are bounded
+    keys, cell = np.unique(np.ravel_multi_index(tuple((cells - first).T), shape), return_inverse=True)
+    unique = np.stack(np.unravel_index(keys, shape), axis=1) + first
+    totals = np.bincount(cell, weights)
     near = np.abs(unique[:, None] - unique[None]).max(axis=-1) <= 1
     center = (unique[int(np.argmax(near @ totals))] + 0.5) * CELL
     kept = np.ones(len(rows), bool)

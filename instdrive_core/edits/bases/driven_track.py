@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.bases.parameters import check_number_list, is_number
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.placement import find_ground_below
+from instdrive_core.edits.queries.placement import find_ground_along, find_ground_below
 from instdrive_core.errors import EditError
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.vehicle_path import PathKey, sample_path
@@ -115,13 +115,8 @@ def _find_levels(
     """Height of the ground along a way: measured every few metres, even between, the last known where there is none."""
     gone = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))]
     probes = np.unique(np.searchsorted(gone, np.arange(0.0, gone[-1] + _PROBE, _PROBE)).clip(max=len(places) - 1))
-    found: list[tuple[float, float]] = []
-    for row in probes.tolist():
-        try:
-            found.append((float(gone[row]), find_ground_below(document, ids, np.array([*places[row], level]))))
-        except EditError:
-            continue
-    if not found:
+    heights = find_ground_along(document, ids, np.c_[places[probes], np.full(len(probes), level)])
+    known = ~np.isnan(heights)
+    if not known.any():
         return np.full(len(places), level)
-    at, heights = np.array(found).T
-    return np.interp(gone, at, heights)
+    return np.interp(gone, gone[probes[known]], heights[known])

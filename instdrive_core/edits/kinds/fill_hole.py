@@ -122,6 +122,10 @@ class FillHole(AppendEdit):
         if self._filling is None or self._planned_for != key:
             self._filling, self._planned_for = self._plan(document), key
 
+    def is_prepared_for(self, document: Document) -> bool:
+        """Whether it is known what to copy in a document with this content."""
+        return self._filling is not None and self._planned_for == fingerprint(document, CONTENT)
+
     def do(self, document: Document) -> bool:
         """Add the copies, then delete what they replace."""
         self.prepare(document)

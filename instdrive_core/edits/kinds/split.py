@@ -16,6 +16,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import EditError
 from instdrive_core.instances.components import ComponentConfig, split_components
 from instdrive_core.instances.rejoining import RejoinConfig
+from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import phrase
 
 DEFAULT_GAP = 1.0
@@ -63,10 +64,13 @@ class SplitInstance(RelabelEdit):
         """``Split instance 17``."""
         return phrase("Split instance {id}", id=self.id)
 
-    @property
-    def is_prepared(self) -> bool:
-        """Whether parts were looked for."""
-        return self._found is not None
+    def is_prepared_for(self, document: Document) -> bool:
+        """Whether the parts are known as they are in this document."""
+        if self._found is None or self.id not in document.scene.table:
+            return False
+        rows = document.find_rows((self.id,))
+        free = rows[(document.state.flags[rows] & (Flag.DELETED | Flag.LOCKED)) == 0]
+        return self._found.hold_for(free, document.compute_means(free))
 
     def prepare(self, document: Document) -> tuple[int, ...]:
         """Look for the parts, which may take a second: `do` on an equal document is then quick. Returns their sizes.

@@ -97,6 +97,27 @@ def find_ground_heights(
     )
 
 
+def find_ground_along(document: Document, ids: Sequence[int], places: Float[ndarray, "k 3"]) -> Float64[ndarray, " k"]:
+    """Heights (metres) of the ground below the places of a way, without the instances; NaN where there is none.
+
+    The splats are looked at once, however long the way is.
+    """
+    heights = np.full(len(places), np.nan)
+    if not len(places):
+        return heights
+    low, high, reach = places.min(axis=0), places.max(axis=0), RADII[-1]
+    around = _gather_background(document, ids, (low + high) / 2, float((high - low)[:2].max()) / 2 + reach)
+    order = np.argsort(around[:, 0], kind="stable")
+    along = around[order, 0]
+    first = np.searchsorted(along, (places[:, 0] - reach).astype(np.float32), "left")
+    last = np.searchsorted(along, (places[:, 0] + reach).astype(np.float32), "right")
+    for number in np.flatnonzero(last > first).tolist():
+        near = np.sort(order[first[number] : last[number]])
+        height = estimate_ground_height(around[near], places[number])
+        heights[number] = np.nan if height is None else height
+    return heights
+
+
 def _gather_background(
     document: Document, ids: Sequence[int], place: Float[ndarray, "3"], reach: float
 ) -> Float32[ndarray, "k 3"]:

@@ -1,5 +1,8 @@
 """The report of what a deletion left, in a session without a window."""
 
+from threading import current_thread, main_thread
+from time import sleep
+
 import numpy as np
 import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, ROAD, parked_street
@@ -12,6 +15,7 @@ from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteRows
+from instdrive_core.edits.kinds.fill_hole import FillHole
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.bake import bake_document
@@ -51,6 +55,41 @@ def test_a_deletion_is_reported_and_cleaned_up(session):
     titles = [edit.title for edit in session.document.history.done]
     assert titles[:2] == ["Delete instance 7", "Absorb floaters of Car 7"]
     assert titles[2].startswith("Fill hole of")
+
+
+def test_a_fill_that_an_edit_has_made_void_is_computed_again_beside_the_window(session, monkeypatch):
+    planned = []
+    plan = FillHole._plan
+
+    def note(edit, document):
+        planned.append(current_thread() is main_thread())
+        return plan(edit, document)
+
+    monkeypatch.setattr(FillHole, "_plan", note)
+    session.deletion.delete((CAR,))
+    finish(session)
+    session.deletion.review.fill()
+    done = []
+    for row in session.document.find_rows((ROAD,))[:3]:
+        done.append(session.history.apply(DeleteRows(np.array([row]))))
+        while not session.jobs.current.future.done():
+            sleep(0.01)
+        session.tick(0.02)
+    finish(session)
+    assert done == [True, True, False], "the third try makes edits wait"
+    assert session.document.history.done[-1].title.startswith("Fill hole of")
+    assert len(planned) == 3 and not any(planned), "never by the window's own thread"
+    assert texts(session)[-1].startswith("Filled a hole of")
+
+
+def test_a_fill_of_a_hole_that_is_undone_meanwhile_is_given_up(session):
+    session.deletion.delete((CAR,))
+    finish(session)
+    session.deletion.review.fill()
+    session.history.undo()
+    finish(session)
+    assert not session.document.history.done
+    assert not session.deletion.review.is_filling
 
 
 def test_undo_brings_the_report_back_and_takes_it_away(session):
