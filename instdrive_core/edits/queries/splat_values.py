@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -150,7 +151,8 @@ def _find_isolated(means: Float32[ndarray, "n 3"], drawn: ndarray, times: float)
     isolated = np.zeros(len(means), np.bool_)
     if len(rows) > NEIGHBORS:
         tree = KDTree(means[rows], balanced_tree=False)
-        distances = tree.query(means[rows], k=NEIGHBORS + 1, workers=-1)[0][:, -1]
+        others = max(1, (os.cpu_count() or 1) - 1)  # one core is left to the window, which draws meanwhile
+        distances = tree.query(means[rows], k=NEIGHBORS + 1, workers=others)[0][:, -1]
         isolated[rows] = distances > times * np.median(distances)
     return isolated
 

@@ -78,7 +78,7 @@ def test_a_fill_that_an_edit_has_made_void_is_computed_again_beside_the_window(s
     finish(session)
     assert done == [True, True, False], "the third try makes edits wait"
     assert session.document.history.done[-1].title.startswith("Fill hole of")
-    assert len(planned) == 3 and not any(planned), "never by the window's own thread"
+    assert planned == [False] * 3, "never by the window's own thread"
     assert texts(session)[-1].startswith("Filled a hole of")
 
 
