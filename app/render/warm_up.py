@@ -11,6 +11,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment, summarize_adjustments
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.kinds.paint import PaintInstances
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.queries.region import find_rows_in_region
 from instdrive_core.instances.proximity import find_rows_near
@@ -49,6 +50,7 @@ def _edit(document: Document) -> None:
     edits = (
         SelectInstances((1,)),
         RecolorInstances((1,), "tint", (1.0, 1.0, 1.0)),
+        PaintInstances((1,), (1.0, 1.0, 1.0)),
         SetAdjustment((1,), "contrast", 2.0),
         MoveInstances((1,), (1.0, 0.0, 0.0)),
     )

@@ -1,13 +1,15 @@
-"""The body colour of an object, and what of it has that colour: not its glass, tyres, lights or shadow."""
+"""The body colour of objects, and what of them has that colour: not their glass, tyres, lights or shadow."""
 
 from __future__ import annotations
 
+import numba
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64
+from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.bases.adjustments import LUMA
-from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.edits.document.row_parts import RowParts
+from instdrive_core.maths.spherical_harmonics import Y0
 from instdrive_core.scene.gaussians import Gaussians
 
 RGB = tuple[float, float, float]
@@ -20,6 +22,12 @@ CELL = 0.12
 REFINEMENTS = 4
 WIDEST = 0.18
 """Radius in look around the most common one whose mean the body colour is."""
+LARGEST = 4.0
+"""Splats with a larger face than so many times the median of the object count as if they had this one."""
+_CELLS = 12
+"""Cells along each axis of look: chromaticity from 0 to 1, brightness from `FLOOR` to 1 + `FLOOR`, and one around."""
+_FIRST = np.array([-1, -1, int(np.floor(SHADE * np.log(FLOOR) / CELL)) - 1])
+_RED, _GREEN, _BLUE = (float(part) for part in LUMA)
 
 
 def find_body_color(gaussians: Gaussians, rows: Int64[ndarray, " m"]) -> RGB:
@@ -27,46 +35,99 @@ def find_body_color(gaussians: Gaussians, rows: Int64[ndarray, " m"]) -> RGB:
 
     Rows count by opacity and size. Light and shade of one paint count as one colour.
     """
-    colors = _read_colors(gaussians, rows)
-    looks = _compute_looks(colors)
-    sizes = np.sort(np.exp(gaussians.log_scales[rows].astype(np.float64)), axis=1)
-    weights = gaussians.opacities[rows] * np.minimum(
-        sizes[:, 1] * sizes[:, 2], np.median(sizes[:, 1] * sizes[:, 2]) * 4
-    )
-    weights = weights + 1e-12
-    cells = np.floor(looks / CELL).astype(np.int64)
-    first = cells.min(axis=0)
-    shape = cells.max(axis=0) - first + 1  # some hundred cells at most: looks are bounded
-    keys, cell = np.unique(np.ravel_multi_index(tuple((cells - first).T), shape), return_inverse=True)
-    unique = np.stack(np.unravel_index(keys, shape), axis=1) + first
-    totals = np.bincount(cell, weights)
-    near = np.abs(unique[:, None] - unique[None]).max(axis=-1) <= 1
-    center = (unique[int(np.argmax(near @ totals))] + 0.5) * CELL
-    kept = np.ones(len(rows), bool)
-    for _ in range(REFINEMENTS):
-        around = np.linalg.norm(looks - center, axis=1) <= WIDEST
-        if not around.any():
-            break
-        kept = around
-        center = np.average(looks[kept], axis=0, weights=weights[kept])
-    red, green, blue = np.average(colors[kept], axis=0, weights=weights[kept]).tolist()
+    red, green, blue = find_body_colors(gaussians, RowParts.whole(rows))[0].tolist()
     return red, green, blue
 
 
-def find_rows_near_color(
-    gaussians: Gaussians, rows: Int64[ndarray, " m"], reference: RGB, tolerance: float
+def find_body_colors(gaussians: Gaussians, parts: RowParts) -> Float64[ndarray, "p 3"]:
+    """Find the colour of each of some parts, none of which is empty; see `find_body_color`."""
+    found = np.full((len(parts), 3), 0.5)  # what has no colour at all counts as grey
+    _find_colors(
+        parts.rows, parts.bounds, gaussians.sh_dc, gaussians.log_scales, gaussians.opacity_logits, _FIRST, found
+    )
+    return found
+
+
+def find_rows_near_colors(
+    gaussians: Gaussians, parts: RowParts, references: Float64[ndarray, "p 3"], tolerance: float
 ) -> Bool[ndarray, " m"]:
-    """Find which rows look like `reference` (RGB, 0 … 1) up to a difference of 0 (only the same) to 1 (anything)."""
-    differences = _compute_looks(_read_colors(gaussians, rows)) - _compute_looks(np.array([reference]))
-    return np.linalg.norm(differences, axis=1) <= tolerance if tolerance < 1 else np.ones(len(rows), bool)
+    """Find which rows look like the reference (RGB, 0 … 1) of their part, up to a difference of 0 (only the same) to 1
+    (anything)."""
+    near = np.ones(len(parts.rows), np.bool_)
+    if tolerance < 1:
+        _compare_looks(parts.rows, parts.bounds, gaussians.sh_dc, references, tolerance, near)
+    return near
 
 
-def _read_colors(gaussians: Gaussians, rows: Int64[ndarray, " m"]) -> Float32[ndarray, "m 3"]:
-    return np.clip(color_from_dc(gaussians.sh_dc[rows]), 0, 1).astype(np.float32)
+@numba.njit(inline="always")
+def _read_color(sh_dc, row):
+    """RGB of a row, from 0 to 1."""
+    return (
+        min(max(0.5 + Y0 * sh_dc[row, 0], 0.0), 1.0),
+        min(max(0.5 + Y0 * sh_dc[row, 1], 0.0), 1.0),
+        min(max(0.5 + Y0 * sh_dc[row, 2], 0.0), 1.0),
+    )
 
 
-def _compute_looks(colors: Float[ndarray, "m 3"]) -> Float[ndarray, "m 3"]:
+@numba.njit(inline="always")
+def _compute_look(red, green, blue):
     """Red and green chromaticity, and the logarithm of the brightness times `SHADE`."""
-    floored = colors + FLOOR
-    chromaticity = floored[:, :2] / floored.sum(axis=1, keepdims=True)
-    return np.c_[chromaticity, SHADE * np.log(floored @ LUMA)]
+    r, g, b = red + FLOOR, green + FLOOR, blue + FLOOR
+    return r / (r + g + b), g / (r + g + b), SHADE * np.log(_RED * r + _GREEN * g + _BLUE * b)
+
+
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _compare_looks(rows, bounds, sh_dc, references, tolerance, near):
+    for part in numba.prange(len(bounds) - 1):
+        x, y, z = _compute_look(references[part, 0], references[part, 1], references[part, 2])
+        for place in range(bounds[part], bounds[part + 1]):
+            red, green, blue = _read_color(sh_dc, rows[place])
+            u, v, w = _compute_look(red, green, blue)
+            near[place] = (u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2 <= tolerance**2
+
+
+@numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _find_colors(rows, bounds, sh_dc, log_scales, opacity_logits, first, found):
+    for part in numba.prange(len(bounds) - 1):
+        count = bounds[part + 1] - bounds[part]
+        colors, looks, faces = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+        for k in range(count):
+            row = rows[bounds[part] + k]
+            colors[k, 0], colors[k, 1], colors[k, 2] = _read_color(sh_dc, row)
+            looks[k, 0], looks[k, 1], looks[k, 2] = _compute_look(colors[k, 0], colors[k, 1], colors[k, 2])
+            a, b, c = np.float64(log_scales[row, 0]), np.float64(log_scales[row, 1]), np.float64(log_scales[row, 2])
+            face = np.exp(a + b + c - min(a, b, c))
+            faces[k] = face if np.isfinite(face) else 0.0
+        largest = LARGEST * np.median(faces)
+        weights, totals = np.empty(count), np.zeros((_CELLS, _CELLS, _CELLS))
+        cells, seen = np.empty((count, 3), np.int64), np.zeros((_CELLS, _CELLS, _CELLS), np.bool_)
+        for k in range(count):
+            opacity = 1 / (1 + np.exp(-np.float64(opacity_logits[rows[bounds[part] + k]])))
+            weight = opacity * min(faces[k], largest) + 1e-12
+            weights[k] = weight if np.isfinite(weight) and np.isfinite(looks[k].sum()) else 0.0
+            for axis in range(3):
+                cell = np.int64(np.floor(looks[k, axis] / CELL)) - first[axis]
+                cells[k, axis] = min(max(cell, 1), _CELLS - 2)
+            totals[cells[k, 0], cells[k, 1], cells[k, 2]] += weights[k]
+            seen[cells[k, 0], cells[k, 1], cells[k, 2]] = True
+        best, center = -1.0, np.zeros(3)
+        for i in range(1, _CELLS - 1):
+            for j in range(1, _CELLS - 1):
+                for m in range(1, _CELLS - 1):
+                    if seen[i, j, m]:
+                        around = totals[i - 1 : i + 2, j - 1 : j + 2, m - 1 : m + 2].sum()
+                        if around > best:
+                            best = around
+                            center[0], center[1], center[2] = i + first[0], j + first[1], m + first[2]
+        center = (center + 0.5) * CELL
+        for _ in range(REFINEMENTS):
+            total, look, color = 0.0, np.zeros(3), np.zeros(3)
+            for k in range(count):
+                if weights[k] > 0 and ((looks[k] - center) ** 2).sum() <= WIDEST**2:
+                    total += weights[k]
+                    look += weights[k] * looks[k]
+                    color += weights[k] * colors[k]
+            if total == 0:
+                break
+            center = look / total
+            found[part] = color / total

@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.edits.bases.adjustments import LUMA
-from instdrive_core.edits.bases.body_color import RGB, find_body_color, find_rows_near_color
+from instdrive_core.edits.bases.body_color import RGB, find_body_colors, find_rows_near_colors
 from instdrive_core.edits.bases.editable import find_colorable_parts
 from instdrive_core.edits.bases.parameters import check_ids, check_number
 from instdrive_core.edits.document.document import Document
@@ -60,23 +60,27 @@ class PaintInstances(ColorEdit):
 
     def do(self, document: Document) -> bool:
         """Add one entry per instance for what is painted, and point the rest at the trained colours."""
-        gaussians, rows, sizes, matrices = document.scene.gaussians, [], [], []
-        for part in find_colorable_parts(document, self.ids):
-            reference = self.reference or find_body_color(gaussians, part)
-            near = find_rows_near_color(gaussians, part, reference, self.tolerance)
-            painted = np.zeros((3, 4))
-            painted[:, :3] = np.outer(self.color, LUMA) / max(float(np.dot(reference, LUMA)), MEAN_LUMA_FLOOR)
-            for chosen, matrix in ((part[near], painted), (part[~near], np.eye(3, 4))):
-                if len(chosen):
-                    rows.append(chosen)
-                    sizes.append(len(chosen))
-                    matrices.append(matrix.astype(np.float32))
-        parts, stacked = RowParts(np.concatenate(rows), np.r_[0, np.cumsum(sizes)]), np.stack(matrices)
+        gaussians, parts = document.scene.gaussians, find_colorable_parts(document, self.ids)
+        if self.reference is None:
+            references = find_body_colors(gaussians, parts)
+        else:
+            references = np.tile(np.array(self.reference, np.float64), (len(parts), 1))
+        near = find_rows_near_colors(gaussians, parts, references, self.tolerance)
+        painted = np.zeros((len(parts), 3, 4))
+        brightness = np.maximum(references @ LUMA, MEAN_LUMA_FLOOR)
+        painted[:, :, :3] = np.outer(self.color, LUMA) / brightness[:, None, None]
+        body, rest = parts.filter(near), parts.filter(~near)
+        rows = RowParts(
+            np.concatenate([body.rows, rest.rows]), np.append(body.bounds, body.bounds[-1] + rest.bounds[1:])
+        )
+        matrices = np.concatenate([painted, np.tile(np.eye(3, 4), (len(parts), 1, 1))])
+        stacked = matrices[rows.sizes > 0].astype(np.float32)
+        rows = rows.drop_empty()
 
         def change(values: ndarray, part: ndarray) -> ndarray:
             return pack_color_entries(stacked[part], values[:, DRAWN - 1])
 
-        return self.assign(document, parts, change)
+        return self.assign(document, rows, change)
 
 
 def _check_color(values: object, name: str) -> RGB:

@@ -84,3 +84,22 @@ def test_a_single_splat_has_a_body_colour():
 def test_bad_parameters_are_refused(bad):
     with pytest.raises(EditError):
         PaintInstances(**{"ids": (FIRST_CAR,), "color": GREEN} | bad)
+
+
+def test_splats_that_are_no_numbers_do_not_count():
+    gaussians = car(np.random.default_rng(3), 0.1, CAR_COLORS[0])
+    expected = find_body_color(gaussians, np.arange(5, len(gaussians)))
+    gaussians.sh_dc[:3] = [[np.nan, 0, 0], [np.inf, np.nan, 0], [0, 0, np.nan]]
+    gaussians.log_scales[3, 1], gaussians.opacity_logits[4] = np.inf, np.nan
+    np.testing.assert_allclose(find_body_color(gaussians, np.arange(len(gaussians))), expected, atol=0.02)
+    assert find_body_color(gaussians, np.arange(3)) == (0.5, 0.5, 0.5)
+
+
+def test_painting_many_at_once_is_painting_each():
+    one, each = Document(procedural_street()), Document(procedural_street())
+    ids = tuple(instance.id for instance in one.scene.table)
+    one.apply(PaintInstances(ids, GREEN))
+    for number in ids:
+        each.apply(PaintInstances((number,), GREEN))
+    colors = [document.colors.matrices[document.colors.indices] for document in (one, each)]
+    np.testing.assert_array_equal(*colors)
