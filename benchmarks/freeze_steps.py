@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.monkey_hands import Hands
+from instdrive_app.session.color_controller import ColorMode
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import (
     AskClass,
@@ -25,7 +26,6 @@ from instdrive_app.session.requests import (
 from instdrive_app.shell.window import EditorWindow
 from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.kinds.color import RecolorMode
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.project.save import SUFFIX
 
@@ -112,7 +112,7 @@ def _select_largest(count: int) -> Act:
     return lambda desk: desk.session.selection.select(desk.largest(count))
 
 
-def _recolor(desk: Desk, mode: RecolorMode = "tint") -> None:
+def _recolor(desk: Desk, mode: ColorMode = "tint") -> None:
     desk.session.colors.recolor(desk.session.selection.ids, mode, RED)
 
 
@@ -258,6 +258,7 @@ STEPS = (
     Step("leave solo", lambda desk: desk.session.visibility.solo.leave(), (_solo,)),
     Step("tint all", _recolor, ALL),
     Step("hue all", lambda desk: _recolor(desk, "hue"), ALL),
+    Step("paint all", lambda desk: _recolor(desk, "paint"), ALL),
     Step("solid all", lambda desk: _recolor(desk, "solid"), ALL),
     Step("reset colours of all", command("edit.reset_colors"), (*ALL, _recolor)),
     Step("brightness of all", _adjust("brightness", 1.3), ALL),

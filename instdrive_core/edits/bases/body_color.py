@@ -104,13 +104,13 @@ def _find_colors(rows, bounds, sh_dc, log_scales, opacity_logits, first, found):
         for k in range(count):
             opacity = 1 / (1 + np.exp(-np.float64(opacity_logits[rows[bounds[part] + k]])))
             weight = opacity * min(faces[k], largest) + 1e-12
-            weights[k] = weight if np.isfinite(weight) and np.isfinite(looks[k].sum()) else 0.0
+            weights[k] = weight if np.isfinite(weight + looks[k, 0] + looks[k, 1] + looks[k, 2]) else 0.0
             for axis in range(3):
                 cell = np.int64(np.floor(looks[k, axis] / CELL)) - first[axis]
                 cells[k, axis] = min(max(cell, 1), _CELLS - 2)
             totals[cells[k, 0], cells[k, 1], cells[k, 2]] += weights[k]
             seen[cells[k, 0], cells[k, 1], cells[k, 2]] = True
-        best, center = -1.0, np.zeros(3)
+        best, x, y, z = -1.0, 0.0, 0.0, 0.0
         for i in range(1, _CELLS - 1):
             for j in range(1, _CELLS - 1):
                 for m in range(1, _CELLS - 1):
@@ -118,16 +118,19 @@ def _find_colors(rows, bounds, sh_dc, log_scales, opacity_logits, first, found):
                         around = totals[i - 1 : i + 2, j - 1 : j + 2, m - 1 : m + 2].sum()
                         if around > best:
                             best = around
-                            center[0], center[1], center[2] = i + first[0], j + first[1], m + first[2]
-        center = (center + 0.5) * CELL
+                            x, y, z = i + first[0] + 0.5, j + first[1] + 0.5, m + first[2] + 0.5
+        x, y, z = x * CELL, y * CELL, z * CELL
         for _ in range(REFINEMENTS):
-            total, look, color = 0.0, np.zeros(3), np.zeros(3)
+            total, u, v, w, red, green, blue = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(count):
-                if weights[k] > 0 and ((looks[k] - center) ** 2).sum() <= WIDEST**2:
-                    total += weights[k]
-                    look += weights[k] * looks[k]
-                    color += weights[k] * colors[k]
+                away = (looks[k, 0] - x) ** 2 + (looks[k, 1] - y) ** 2 + (looks[k, 2] - z) ** 2
+                if weights[k] > 0 and away <= WIDEST**2:
+                    weight = weights[k]
+                    total += weight
+                    u, v, w = u + weight * looks[k, 0], v + weight * looks[k, 1], w + weight * looks[k, 2]
+                    red, green = red + weight * colors[k, 0], green + weight * colors[k, 1]
+                    blue += weight * colors[k, 2]
             if total == 0:
                 break
-            center = look / total
-            found[part] = color / total
+            x, y, z = u / total, v / total, w / total
+            found[part, 0], found[part, 1], found[part, 2] = red / total, green / total, blue / total
