@@ -46,16 +46,16 @@ def quaternion_from_matrix(matrices: Float[ndarray, "*n 3 3"]) -> Float[ndarray,
     return np.where(quats[..., :1] < 0, -quats, quats)
 
 
-def build_multiplication_matrices(left: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4 4"]:
-    """Build matrices M with M @ right = left x right (Hamilton product)."""
-    w, x, y, z = np.moveaxis(left, -1, 0)
-    rows = [[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
 def multiply_quaternions(left: Float[ndarray, "*n 4"], right: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
     """Compute the Hamilton product, which rotates by `right`, then by `left`."""
-    return np.einsum("...ij,...j->...i", build_multiplication_matrices(left), right)
+    (w, x, y, z), (a, b, c, d) = (np.moveaxis(np.asarray(quats), -1, 0) for quats in (left, right))
+    parts = (
+        w * a - x * b - y * c - z * d,
+        x * a + w * b - z * c + y * d,
+        y * a + z * b + w * c - x * d,
+        z * a - y * b + x * c + w * d,
+    )
+    return np.stack(parts, axis=-1)
 
 
 def slerp(start: Float[ndarray, "4"], end: Float[ndarray, "4"], fraction: float) -> Float[ndarray, "4"]:

@@ -75,12 +75,18 @@ def weigh_projected(
 
 
 def _weigh(lists: PixelLists, settings: RasterSettings) -> BlendWeights:
-    pixels = lists.pixels
-    counts, indptr = np.zeros(len(pixels), np.int64), np.zeros(len(pixels) + 1, np.int64)
-    _run(lists, settings, indptr, (counts, _NO_ROWS, _NO_WEIGHTS))
+    """Walk once with some room for each pixel, and again over those that need more."""
+    count = len(lists.pixels)
+    counts, indptr = np.zeros(count, np.int64), np.zeros(count + 1, np.int64)
+    room = min(_ROOM, _MOST_ROOM // max(count, 1))
+    starts = np.arange(count + 1) * room
+    first = np.empty(starts[-1], np.int32), np.empty(starts[-1], np.float32)
+    _run(lists, settings, starts, (counts, *first), 0)
     np.cumsum(counts, out=indptr[1:])
     rows, weights = np.zeros(indptr[-1], np.int32), np.zeros(indptr[-1], np.float32)
-    _run(lists, settings, indptr, (counts, rows, weights))
+    _copy_entries(starts, indptr, *first, rows, weights)
+    if counts.max(initial=0) > room:
+        _run(lists, settings, indptr, (counts, rows, weights), room + 1)
     return BlendWeights(indptr, rows, weights)
 
 
@@ -113,34 +119,47 @@ def compact_weights(weights: BlendWeights, count: int) -> tuple[Int64[ndarray, "
     return rows, BlendWeights(weights.indptr, place[weights.rows], weights.weights)
 
 
-_NO_ROWS, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
+_ROOM = 96
+"""Entries of a pixel for which there is room in the first walk: most have fewer."""
+_MOST_ROOM = 1 << 23
+"""Entries of all pixels for which there is: 64 MiB."""
 
 
-def _run(lists: PixelLists, settings: RasterSettings, indptr: ndarray, out: tuple[ndarray, ndarray, ndarray]) -> None:
-    """Count the entries of each pixel, or write them where there is room for them."""
+def _run(
+    lists: PixelLists, settings: RasterSettings, indptr: ndarray, out: tuple[ndarray, ndarray, ndarray], least: int
+) -> None:
+    """Count the entries of each pixel, and write those for which there is room; pixels with fewer than `least` wait."""
     with numba.parallel_chunksize(PIXELS_PER_TASK):
-        _walk_pixels(*lists.to_arguments(), settings.to_row(), indptr, out)
+        _walk_pixels(*lists.to_arguments(), settings.to_row(), indptr, out, least)
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FAST)
-def _walk_pixels(projected, lists, asked, width, constants, indptr, out):
+def _walk_pixels(projected, lists, asked, width, constants, indptr, out, least):
     splats, splat_rows = projected
     starts, pair_splats, spans = lists
     pixels, order, tile_of_pixel = asked
     counts, rows, weights = out[0], out[1], out[2]  # indexed, not unpacked: see project_backward
     for number in numba.prange(len(pixels)):
+        if counts[order[number]] < least:
+            continue
         place, tile = locate_pixel(pixels[number], width), tile_of_pixel[number]
         start, end = indptr[order[number]], indptr[order[number] + 1]
         before, found, stop = np.float32(1), 0, starts[tile + 1]
         pair, after = find_next_fragment(splats, pair_splats, spans, starts[tile], stop, place, before, constants)
         while pair < stop:
-            if len(rows):
-                if start + found == end:
-                    break  # the pass that counted may have rounded one fragment away
+            if start + found < end:
                 rows[start + found], weights[start + found] = splat_rows[pair_splats[pair]], before - after
             found, before = found + 1, after
             pair, after = find_next_fragment(splats, pair_splats, spans, pair + 1, stop, place, before, constants)
         counts[order[number]] = found
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def _copy_entries(from_starts, to_starts, from_rows, from_weights, rows, weights):
+    for pixel in numba.prange(len(to_starts) - 1):
+        shift, room = from_starts[pixel] - to_starts[pixel], from_starts[pixel + 1] - from_starts[pixel]
+        for entry in range(to_starts[pixel], min(to_starts[pixel + 1], to_starts[pixel] + room)):
+            rows[entry], weights[entry] = from_rows[entry + shift], from_weights[entry + shift]
 
 
 @numba.njit(cache=True, error_model="numpy")
