@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
+from written_street import SMALL, copy_street
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.folder.scenes import read_scene_folder
@@ -28,9 +27,7 @@ from instdrive_core.training.settings.events import CheckpointDue, DensifyDone
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
     """Five steps of a small street, of which step 4 is held out; without masks of its own."""
-    clip = tmp_path_factory.mktemp("street") / "clip"
-    write_street(clip, StreetConfig(seed=3, steps=5, width=96, height=54, lidar_azimuths=300))
-    return clip
+    return copy_street(SMALL, tmp_path_factory.mktemp("street") / "clip", tmp_path_factory)
 
 
 def short(method="instdrive") -> TrainConfig:
