@@ -314,12 +314,14 @@ class WindowDriver:
         *modifiers, key = name.split("+")
         for modifier in modifiers:
             self._xdotool("keydown", modifier)
-        self.wait_for_frames()
+        if modifiers:
+            self.wait_for_frames()
         self._xdotool("key", key)
-        self.wait_for_frames()
+        self.wait_for_frames(3)  # one hears of the press, one of the release
         for modifier in modifiers:
             self._xdotool("keyup", modifier)
-        self.wait_for_frames()
+        if modifiers:
+            self.wait_for_frames()
 
     def type(self, text):
         """Type text into what has the keyboard."""
