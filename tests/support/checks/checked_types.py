@@ -2,7 +2,7 @@
 
 Its price is paid by each call of each test, so functions are checked in the cheapest way that misses nothing: beartype
 alone costs less than a microsecond. Sizes with names (``n`` of ``"n 3"``) must agree within a call, which takes a
-context of jaxtyping, entered only where a signature has such names. jaxtyping's own decorator, thirty times as dear,
+context of jaxtyping, entered only where a signature has such names. jaxtyping's own decorator, a dozen times as dear,
 is kept for what needs it: sizes that are computed from arguments (``"{count} 3"``), and generators.
 """
 
