@@ -33,7 +33,7 @@ def street(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def masked(street, tmp_path_factory):
-    """A copy of the street, with the masks that each run would else draw for itself: that takes longer than its training."""
+    """A copy of the street with masks, which each run would else draw for itself: that takes longer than training."""
     clip = tmp_path_factory.mktemp("masked") / "clip"
     shutil.copytree(street, clip)
     make_masks(load_clip(str(clip), ClipOptions(cameras="1")), "annotations", clip / "masks")
