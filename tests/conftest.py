@@ -3,12 +3,13 @@ nor chance decides what fails, and workers that run beside each other keep out o
 
 import os
 import re
+import sys
 import time
 from pathlib import Path
 
 import pytest
+from checked_imports import CheckedFinder
 from hypothesis import HealthCheck, settings
-from jaxtyping import install_import_hook
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {"instdrive_core": "instdrive_core", "app": "instdrive_app"}
@@ -30,7 +31,14 @@ def _checked_modules() -> list[str]:
     ]
 
 
-install_import_hook(_checked_modules(), "checked_types.check_types")
+sys.meta_path.insert(0, CheckedFinder(_checked_modules()))
+# Where Python is told to keep no compiled modules, each of the many processes that tests start compiles all of the
+# product: half a second for an editor.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# Windows are drawn by Mesa's CPU renderer here. By itself it starts a thread for each core, which wait for each other
+# where a neighbour's test has the cores: a fifth of the time of a frame.
+os.environ.setdefault("LP_NUM_THREADS", "0")
 # The first example of a test may have to compile what it tests: that takes seconds, and says nothing of it.
 UNHURRIED = settings(
     deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture], print_blob=True

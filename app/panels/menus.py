@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from imgui_bundle import imgui
 
 from instdrive_app.action import Action, format_shortcut
@@ -92,6 +94,7 @@ def _close_by_escape() -> None:
         imgui.internal.close_popup_to_level(0, True)
 
 
+@cache
 def parse_shortcut(shortcut: str) -> int:
     """Convert a shortcut such as ``Ctrl+Shift+Z`` to ImGui's key chord.
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
-from scipy.interpolate import Akima1DInterpolator
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from instdrive_core.scene.camera import Camera
@@ -46,6 +45,8 @@ class CameraPath:
         places = np.array([key.camera.position for key in keys])
         lenses = np.array([_normalize_lens(key.camera) for key in keys])
         if len(keys) > 1:
+            from scipy.interpolate import Akima1DInterpolator  # a quarter second, which the editor would start later
+
             self._place = Akima1DInterpolator(self._times, places, method="makima")
             self._lens = Akima1DInterpolator(self._times, lenses, method="makima")
             turns = Rotation.from_matrix(np.array([key.camera.world_from_camera[:3, :3] for key in keys]))

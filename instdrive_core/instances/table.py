@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, UInt16, UInt32
@@ -36,8 +37,14 @@ class Instance:
     @property
     def color(self) -> tuple[int, int, int]:
         """RGB8 of this ID in the bijective colour map."""
-        r, g, b = colors_from_ids(np.array(self.id, np.uint32))
-        return int(r), int(g), int(b)
+        return _compute_color(self.id)
+
+
+@lru_cache(1 << 16)
+def _compute_color(number: int) -> tuple[int, int, int]:
+    """Kept, as each frame of the editor shows some."""
+    r, g, b = colors_from_ids(np.array(number, np.uint32))
+    return int(r), int(g), int(b)
 
 
 @dataclass

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
-from scipy.interpolate import PchipInterpolator
 
 from instdrive_core.scene.track import Track
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 _SLOW = 0.3
 """m/s below which a vehicle keeps its heading."""
@@ -63,6 +66,8 @@ def sample_path(keys: Sequence[PathKey], times: Float64[ndarray, " n"], start_he
     if len(keys) == 1:
         heading = start_heading if keys[0].heading is None else keys[0].heading
         return PathSamples(times, np.repeat(marks, len(times), 0), np.full(len(times), heading))
+    from scipy.interpolate import PchipInterpolator  # a quarter second, which the editor would start later
+
     curve = PchipInterpolator(at, marks, axis=0)
     places = np.asarray(curve(inside), np.float64)
     own = [key.heading for key in keys if key.heading is not None]

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from written_street import SMALL, copy_street
 
 from instdrive_core.baselines.codeword_instances import assign_instances_by_codeword
 from instdrive_core.baselines.gaussian_grouping import SHORT as GROUPING
@@ -12,8 +13,6 @@ from instdrive_core.baselines.gaussian_grouping import learn_gaussian_grouping
 from instdrive_core.baselines.opengaussian import SHORT as OPEN
 from instdrive_core.baselines.opengaussian import learn_opengaussian
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.training.run import RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, build_train_config
@@ -26,9 +25,7 @@ FEW = {
 
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
-    clip = tmp_path_factory.mktemp("street") / "clip"
-    write_street(clip, StreetConfig(seed=3, steps=5, width=96, height=54, lidar_azimuths=300))
-    return clip
+    return copy_street(SMALL, tmp_path_factory.mktemp("street") / "clip", tmp_path_factory)
 
 
 def trained(street, out, method):

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from small_clip import write_small_clip
+from written_street import TINY, copy_street
 
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.paint import PaintInstances
@@ -39,8 +38,7 @@ STEPS = 70
 def base(tmp_path_factory):
     """A short run of a small street."""
     folder = tmp_path_factory.mktemp("improve")
-    clip = folder / "clip"
-    write_street(clip, StreetConfig(seed=3, steps=5, width=64, height=36, lidar_azimuths=200))
+    clip = copy_street(TINY, folder / "clip", tmp_path_factory)
     config = build_train_config("instdrive", "demo", seed=1)
     config = replace(
         config,

@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 from small_clip import write_small_clip
+from written_street import TINY, copy_street
 
-from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.errors import OptionError
 from instdrive_core.files.file_lock import FileLock
 from instdrive_core.formats.folder.scenes import read_scene_folder
@@ -40,9 +39,7 @@ STEPS = 22
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
     """Five steps of a small street, of which step 4 is held out."""
-    clip = tmp_path_factory.mktemp("street") / "clip"
-    write_street(clip, StreetConfig(seed=3, steps=5, width=64, height=36, lidar_azimuths=200))
-    return clip
+    return copy_street(TINY, tmp_path_factory.mktemp("street") / "clip", tmp_path_factory)
 
 
 @pytest.fixture

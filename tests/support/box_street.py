@@ -71,10 +71,11 @@ def _sweep(bodies, time, turn, ego, beams, azimuths, seed):
     )
     along = np.repeat([ego(moment) for moment in times[::beams]], beams)
     origins = np.stack([along, np.zeros(len(times)), np.full(len(times), LIDAR_HEIGHT)], 1)
+    moments, which = np.unique(times, return_inverse=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         ranges = np.where(directions[:, 2] < 0, -LIDAR_HEIGHT / directions[:, 2], np.inf)
         for body in bodies:
-            ranges = np.minimum(ranges, _met(body, origins, directions, times))
+            ranges = np.minimum(ranges, _met(body, origins, directions, moments, which))
     rng = np.random.default_rng(seed)
     kept = np.isfinite(ranges) & (ranges > 1.5) & (ranges < 100)
     points = origins[kept] + (ranges[kept] + NOISE * rng.standard_normal(kept.sum()))[:, None] * directions[kept]
@@ -85,28 +86,20 @@ def _sweep(bodies, time, turn, ego, beams, azimuths, seed):
     )
 
 
-def _met(body, origins, directions, times):
-    """Distance along each ray to a body, infinity where it passes."""
-    moments = np.unique(times)
-    poses = np.array([body.pose(moment) for moment in moments])[np.searchsorted(moments, times)]
-    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-
-    def into(vectors):
-        return np.stack(
-            [
-                cosine * vectors[:, 0] + sine * vectors[:, 1],
-                cosine * vectors[:, 1] - sine * vectors[:, 0],
-                vectors[:, 2],
-            ],
-            axis=1,
-        )
-
+def _met(body, origins, directions, moments, which):
+    """Distance along each ray to a body, infinity where it passes; ray i leaves at ``moments[which[i]]``."""
+    poses = np.array([body.pose(moment) for moment in moments])
+    cosine, sine = np.cos(poses[:, 2])[which], np.sin(poses[:, 2])[which]
     width, length, height = body.size
-    start = into(origins - np.column_stack([poses[:, :2], np.full(len(poses), 0.15 + height / 2)]))
-    way = into(directions)
-    half = np.array([length, width, height]) / 2
-    first, second = (-half - start) / way, (half - start) / way
-    near, far = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
+    middle = (*poses[which, :2].T, 0.15 + height / 2)
+    x, y, z = (column - at for column, at in zip(origins.T, middle, strict=True))
+    along, across, up = directions.T
+    start = (cosine * x + sine * y, cosine * y - sine * x, z)
+    way = (cosine * along + sine * across, cosine * across - sine * along, up)
+    near, far = np.full(len(which), -np.inf), np.full(len(which), np.inf)
+    for begin, step, half in zip(start, way, (length / 2, width / 2, height / 2), strict=True):
+        first, second = (-half - begin) / step, (half - begin) / step
+        near, far = np.maximum(near, np.minimum(first, second)), np.minimum(far, np.maximum(first, second))
     return np.where((near < far) & (near > 0), near, np.inf)
 
 

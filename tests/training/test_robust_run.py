@@ -14,8 +14,6 @@ import pytest
 from safetensors.numpy import load_file
 
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.errors import DataError
 from instdrive_core.files import atomic
 from instdrive_core.formats.folder.scenes import read_scene_folder
@@ -62,9 +60,9 @@ def run_until_killed(clip: Path, out: Path, resume: bool, lines: int) -> None:
 
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
-    clip = tmp_path_factory.mktemp("street") / "clip"
-    write_street(clip, StreetConfig(seed=3, steps=5, width=96, height=54, lidar_azimuths=300))
-    return clip
+    from written_street import SMALL, copy_street  # the child processes that import this file do not find it
+
+    return copy_street(SMALL, tmp_path_factory.mktemp("street") / "clip", tmp_path_factory)
 
 
 @pytest.fixture(scope="module")

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
+from written_street import SMALL, copy_street
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.formats.ply.inria import write_ply
 from instdrive_core.instances.codebook import quantize_features
+from instdrive_core.masks.making import make_masks
 from instdrive_core.training.build_trainer import add_first_features
 from instdrive_core.training.gaussians import first_gaussians
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
@@ -28,8 +28,15 @@ from instdrive_core.training.settings.events import CheckpointDue, DensifyDone
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
     """Five steps of a small street, of which step 4 is held out; without masks of its own."""
-    clip = tmp_path_factory.mktemp("street") / "clip"
-    write_street(clip, StreetConfig(seed=3, steps=5, width=96, height=54, lidar_azimuths=300))
+    return copy_street(SMALL, tmp_path_factory.mktemp("street") / "clip", tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def masked(street, tmp_path_factory):
+    """A copy of the street with masks, which each run would else draw for itself: that takes longer than training."""
+    clip = tmp_path_factory.mktemp("masked") / "clip"
+    shutil.copytree(street, clip)
+    make_masks(load_clip(str(clip), ClipOptions(cameras="1")), "annotations", clip / "masks")
     return clip
 
 
@@ -69,15 +76,15 @@ def test_a_run_holds_scene_log_facts_and_its_masks(street, tmp_path):
 
 
 @pytest.mark.parametrize("stage", ["rgb", "instances"])
-def test_an_interrupted_run_resumes_to_the_same_bits(street, tmp_path, stage):
+def test_an_interrupted_run_resumes_to_the_same_bits(masked, tmp_path, stage):
     def stop(event):
         if isinstance(event, CheckpointDue) and event.stage == stage:
             raise Interrupted
 
-    train(street, tmp_path / "whole")
+    train(masked, tmp_path / "whole")
     with pytest.raises(Interrupted):
-        train(street, tmp_path / "part", on_event=stop)
-    train(street, tmp_path / "part", resume=True)
+        train(masked, tmp_path / "part", on_event=stop)
+    train(masked, tmp_path / "part", resume=True)
     whole, part = (load_file(tmp_path / name / CHECKPOINT) for name in ("whole", "part"))
     assert whole.keys() == part.keys()
     for name, array in whole.items():
@@ -90,9 +97,9 @@ def by_votes() -> TrainConfig:
     return replace(config, instances=replace(config.instances, learned_by="votes"))
 
 
-def test_votes_name_instances_without_training(street, tmp_path):
+def test_votes_name_instances_without_training(masked, tmp_path):
     notes = []
-    run = train(street, tmp_path / "run", notes, config=by_votes())
+    run = train(masked, tmp_path / "run", notes, config=by_votes())
     lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
     assert {line["stage"] for line in lines} == {"rgb"}
     assert any("objects" in note for note in notes)
@@ -106,7 +113,7 @@ def test_votes_name_instances_without_training(street, tmp_path):
 
 
 @pytest.mark.parametrize("edge_start", [0.75, 0.4], ids=["before edges are learned", "while they are"])
-def test_votes_are_the_same_after_an_interruption(street, tmp_path, edge_start):
+def test_votes_are_the_same_after_an_interruption(masked, tmp_path, edge_start):
     config = by_votes()
     config = replace(
         config,
@@ -118,39 +125,39 @@ def test_votes_are_the_same_after_an_interruption(street, tmp_path, edge_start):
         if isinstance(event, CheckpointDue):
             raise Interrupted
 
-    whole = read_scene_folder(train(street, tmp_path / "whole", config=config))
+    whole = read_scene_folder(train(masked, tmp_path / "whole", config=config))
     with pytest.raises(Interrupted):
-        train(street, tmp_path / "part", config=config, on_event=stop)
+        train(masked, tmp_path / "part", config=config, on_event=stop)
     named = any(name.startswith("named.") for name in load_file(tmp_path / "part" / CHECKPOINT))
     assert named == (edge_start < 0.5)  # the run is stopped half-way
-    part = read_scene_folder(train(street, tmp_path / "part", config=config, resume=True))
+    part = read_scene_folder(train(masked, tmp_path / "part", config=config, resume=True))
     np.testing.assert_array_equal(part.instance_ids, whole.instance_ids)
     np.testing.assert_array_equal(part.gaussians.log_scales, whole.gaussians.log_scales)
 
 
-def test_votes_leave_a_scene_trained_elsewhere_as_it_is(street, trained, tmp_path):
-    run = train(street, tmp_path / "run", config=keep_geometry(by_votes()), init=trained)
+def test_votes_leave_a_scene_trained_elsewhere_as_it_is(masked, trained, tmp_path):
+    run = train(masked, tmp_path / "run", config=keep_geometry(by_votes()), init=trained)
     before, after = read_scene_folder(trained), read_scene_folder(run)
     for name in ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest"):
         np.testing.assert_array_equal(getattr(after.gaussians, name), getattr(before.gaussians, name), err_msg=name)
     assert len(after.table) > 1
 
 
-def test_a_folder_with_a_run_is_not_overwritten(street, tmp_path):
-    train(street, tmp_path / "run")
+def test_a_folder_with_a_run_is_not_overwritten(masked, tmp_path):
+    train(masked, tmp_path / "run")
     with pytest.raises(OptionError, match="already holds a run"):
-        train(street, tmp_path / "run")
+        train(masked, tmp_path / "run")
     with pytest.raises(OptionError, match="other options"):
-        train(street, tmp_path / "run", config=replace(short(), seed=9), resume=True)
+        train(masked, tmp_path / "run", config=replace(short(), seed=9), resume=True)
     with pytest.raises(OptionError, match="no run to resume"):
-        train(street, tmp_path / "elsewhere", resume=True)
+        train(masked, tmp_path / "elsewhere", resume=True)
 
 
-def test_a_damaged_checkpoint_is_named(street, tmp_path):
-    run = train(street, tmp_path / "run")
+def test_a_damaged_checkpoint_is_named(masked, tmp_path):
+    run = train(masked, tmp_path / "run")
     (run / CHECKPOINT).write_bytes((run / CHECKPOINT).read_bytes()[:1000])
     with pytest.raises(DataError, match=CHECKPOINT):
-        train(street, tmp_path / "run", resume=True)
+        train(masked, tmp_path / "run", resume=True)
 
 
 def test_without_masks_or_annotations_colour_is_trained_and_said(street, tmp_path):
@@ -168,9 +175,9 @@ def test_frames_of_held_out_steps_alone_cannot_train(street, tmp_path):
         train(street, tmp_path / "run", options=ClipOptions(cameras="1", first_frame=4, last_frame=4))
 
 
-def test_the_paper_method_trains_jointly(street, tmp_path):
+def test_the_paper_method_trains_jointly(masked, tmp_path):
     config = short("paper")
-    run = train(street, tmp_path / "run", config=config)
+    run = train(masked, tmp_path / "run", config=config)
     lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
     assert {line["stage"] for line in lines} == {"rgb"}
     assert {"pull", "push", "rgb"} <= set(lines[-1]["terms"])
@@ -178,9 +185,9 @@ def test_the_paper_method_trains_jointly(street, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def trained(street, tmp_path_factory):
+def trained(masked, tmp_path_factory):
     """A run to start others from."""
-    return train(street, tmp_path_factory.mktemp("trained") / "run", config=with_growth(short()))
+    return train(masked, tmp_path_factory.mktemp("trained") / "run", config=with_growth(short()))
 
 
 def with_growth(config: TrainConfig) -> TrainConfig:
@@ -188,11 +195,11 @@ def with_growth(config: TrainConfig) -> TrainConfig:
     return replace(config, densify=replace(config.densify, start=4, every=5, stop=0.9, gradient_threshold=1e-6))
 
 
-def test_gaussians_grow_up_to_the_cap(street, tmp_path):
+def test_gaussians_grow_up_to_the_cap(masked, tmp_path):
     config = with_growth(short())
     config = replace(config, densify=replace(config.densify, max_gaussians=4_500))
     events = []
-    run = train(street, tmp_path / "run", config=config, on_event=events.append)
+    run = train(masked, tmp_path / "run", config=config, on_event=events.append)
     grown = [event for event in events if isinstance(event, DensifyDone)]
     assert grown[0].cloned + grown[0].split > 0
     assert max(event.gaussians for event in grown) == 4_500
@@ -201,7 +208,7 @@ def test_gaussians_grow_up_to_the_cap(street, tmp_path):
 
 @pytest.mark.parametrize("form", ["run", "ply"])
 @pytest.mark.parametrize("method", ["instdrive", "paper"])
-def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp_path, form, method):
+def test_instances_are_learned_on_a_scene_trained_elsewhere(masked, trained, tmp_path, form, method):
     """Its geometry and colours stay as they are, whichever origin they are stored with; a .ply brings no actors."""
     before, start = read_scene_folder(trained), trained
     if form == "ply":
@@ -211,7 +218,7 @@ def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp
         start = tmp_path / "elsewhere.ply"
         write_ply(start, before)
     config = keep_geometry(short(method))
-    run = train(street, tmp_path / "run", config=config, init=start)
+    run = train(masked, tmp_path / "run", config=config, init=start)
     after = read_scene_folder(run)
     assert len(after) == len(before)
     shift = (before.origin - after.origin)[None] * (before.nodes == 0)[:, None]
@@ -227,8 +234,8 @@ def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp
     assert lines[-1]["iteration"] == 16
 
 
-def test_colours_are_trained_on_from_another_scene(street, trained, tmp_path):
-    run = train(street, tmp_path / "run", init=trained)
+def test_colours_are_trained_on_from_another_scene(masked, trained, tmp_path):
+    run = train(masked, tmp_path / "run", init=trained)
     lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
     first = next(json.loads(line) for line in (trained / "log.jsonl").read_text().splitlines())
     assert lines[0]["stage"] == "rgb"
@@ -236,14 +243,14 @@ def test_colours_are_trained_on_from_another_scene(street, trained, tmp_path):
     assert json.loads((run / "run.json").read_text())["init"] == str(trained)
 
 
-def test_a_scene_from_somewhere_else_is_refused(street, trained, tmp_path):
+def test_a_scene_from_somewhere_else_is_refused(masked, trained, tmp_path):
     scene = freeze_at_time(read_scene_folder(trained), 0.0)
     scene.gaussians.means += np.float32(10_000)
     write_ply(tmp_path / "far.ply", scene)
     with pytest.raises(DataError, match=r"far.ply.*before a camera.*world coordinates"):
-        train(street, tmp_path / "run", config=keep_geometry(short()), init=tmp_path / "far.ply")
+        train(masked, tmp_path / "run", config=keep_geometry(short()), init=tmp_path / "far.ply")
     with pytest.raises(OptionError, match="--init"):
-        train(street, tmp_path / "other", config=keep_geometry(short()))
+        train(masked, tmp_path / "other", config=keep_geometry(short()))
 
 
 def test_a_static_run_has_no_actors_and_says_so(street, tmp_path):

@@ -15,7 +15,7 @@ def test_a_box_is_placed_dragged_and_crops_and_a_line_is_measured(window):
     start = window.wait_until_calm()
     window.click(*window.pixel_of(RED_CAR_SIDE))
     placed = window.wait_for(lambda state: state["box"], "the box")["box"]
-    window.key("Return")
+    window.tap("Return")
     window.wait_for_selection(FIRST_CAR)
     x, y = window.wait_for_widget("gizmo.box.z+")
     window.drag((x, y), (x, y - 40))

@@ -34,7 +34,7 @@ def test_brush_and_polygon_select_delete_and_undo(window):
     assert window.wait_until_calm()["cursor"] == steps, "Escape gives up the polygon, not the selection"
     for corner in ((left, top), (right, top), (right, bottom), (left, bottom)):
         window.click(*corner)
-    window.key("Return")
+    window.tap("Return")
     state = window.wait_for(lambda state: state["cursor"] == steps + 1, "the polygon to select")
     assert FIRST_CAR in state["selected"]
     assert window.quit() == 0

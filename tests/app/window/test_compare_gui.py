@@ -93,7 +93,7 @@ def test_palette_history_and_keys(window):
         window.key("ctrl+p")
         window.wait_for_widget("palette.search")
         window.type("delet")
-        window.key("Return")
+        window.tap("Return")
         window.wait_for(lambda state, gone=instance: gone not in state["visible"], "the palette to delete")
     window.key("alt+3")
     window.click_widget("history.2")

@@ -63,7 +63,7 @@ def test_selection_scene_and_masks(window, tmp_path):
     window.click_widget("export.what.nurec")
     window.wait_for_widget("export.nurec.tracks")
     window.click_widget("export.nurec.tracks")
-    window.type(str(tmp_path / "none.json"))
+    window.paste(str(tmp_path / "none.json"))
     window.click_widget("dialog.accept")
     window.wait_for_message("none.json")
     handed = tmp_path / "street_nurec"

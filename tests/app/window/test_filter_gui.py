@@ -22,6 +22,6 @@ def test_sliders_select_a_range_and_delete_removes_it(window):
     window.wait_for(lambda now: now["selected_splats"] == state["selected_splats"], "undo")
     window.key("ctrl+p")
     window.type("needle")
-    window.key("Return")
+    window.tap("Return")
     window.wait_for(lambda state: any("loaters" in text for text in state["messages"]), "the palette to find floaters")
     assert window.quit() == 0

@@ -34,7 +34,7 @@ def test_merge_split_reassign_and_class(window):
     window.key("ctrl+t")
     window.wait_for_widget("class.name")
     window.type("Taxi")
-    window.key("Return")
+    window.tap("Return")
     window.wait_for_edit(f"Set class of instance {FIRST_CAR + 2} to Taxi")
     for _ in range(5):
         window.key("ctrl+z")
@@ -62,7 +62,7 @@ def test_lock_solo_search_classes_and_names(window):
     window.key("F2")
     window.wait_for_widget("instances.name")
     window.type("taxi")
-    window.key("Return")
+    window.tap("Return")
     window.wait_for_edit(f"Rename instance {blue} to taxi")
     window.click_widget("instances.search")
     window.type("taxi")

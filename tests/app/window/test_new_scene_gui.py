@@ -4,9 +4,7 @@ from contextlib import contextmanager
 
 import pytest
 from window_driver import PATIENCE, WindowDriver, editor_display
-
-from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.write import write_street
+from written_street import TINY, copy_street
 
 SHORTEST = "0.1"
 """Minutes: the fewest steps that are trained."""
@@ -16,9 +14,7 @@ TRAINING_PATIENCE = 3 * PATIENCE
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
     """A small street of five steps, of which step 4 is held out."""
-    folder = tmp_path_factory.mktemp("new") / "drive"
-    write_street(folder, StreetConfig(seed=3, steps=5, width=64, height=36, lidar_azimuths=200))
-    return folder
+    return copy_street(TINY, tmp_path_factory.mktemp("new") / "drive", tmp_path_factory)
 
 
 @contextmanager

@@ -36,7 +36,7 @@ def test_a_car_is_framed_gone_behind_and_orbited_without_diving_under_the_road(w
     window.wait_for_widget("palette.search")
     window.type("fill the hole of")
     window.wait_for_widget("palette.deletion.fill")
-    window.key("Return")
+    window.tap("Return")
     window.wait_for_widget("palette.reason")
     window.key("Escape")
     assert window.quit() == 0

@@ -12,7 +12,7 @@ def type_number(window, widget, text):
     window.click_widget(widget, "ctrl")
     window.key("ctrl+a")
     window.type(text)
-    window.key("Return")
+    window.tap("Return")
     return window.wait_until_calm()
 
 

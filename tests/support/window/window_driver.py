@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from clipboard import copied
 
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_core.files.file_lock import FileLock
@@ -313,12 +314,14 @@ class WindowDriver:
         *modifiers, key = name.split("+")
         for modifier in modifiers:
             self._xdotool("keydown", modifier)
-        self.wait_for_frames()
+        if modifiers:
+            self.wait_for_frames()
         self._xdotool("key", key)
-        self.wait_for_frames()
+        self.wait_for_frames(3)  # one hears of the press, one of the release
         for modifier in modifiers:
             self._xdotool("keyup", modifier)
-        self.wait_for_frames()
+        if modifiers:
+            self.wait_for_frames()
 
     def type(self, text):
         """Type text into what has the keyboard."""
@@ -326,15 +329,22 @@ class WindowDriver:
         self._xdotool()
         self.wait_for_frames()
 
+    def paste(self, text):
+        """Put text from the clipboard into what has the keyboard: a long path, which takes a frame a letter to type."""
+        with copied(text) as pasted:
+            self.tap("ctrl+v")
+            assert pasted.wait(PATIENCE), "nothing was pasted"
+        self.wait_for_frames()
+
     def enter_path(self, path):
         """Put a path into the file dialog that is about to open, and accept it."""
         self.wait_for_widget("dialog.path")
         self.key("ctrl+a")
-        self.type(str(path))
+        self.paste(str(path))
         self.click_widget("dialog.accept")
 
     def export(self, path):
-        """Export the whole scene by a typed path, and wait until that is told."""
+        """Export the whole scene to a path, and wait until that is told."""
         self.key("ctrl+e")
         self.enter_path(path)
         self.wait_for_message(str(path))

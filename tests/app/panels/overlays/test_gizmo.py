@@ -40,7 +40,7 @@ def type_into(window, field, text):
     window.key("ctrl+a")
     window.type(text)
     steps = window.state["cursor"]
-    window.key("Return")
+    window.tap("Return")
     window.wait_for(lambda state: state["cursor"] == steps + 1, f"{field} to be applied in one step")
 
 

@@ -6,15 +6,14 @@ from dataclasses import replace
 import psutil
 import pytest
 from window_driver import PATIENCE, editor_display, editor_window, start_editor
+from written_street import TINY, copy_street
 
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.project.open import open_project
 from instdrive_core.training.run import RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, build_train_config
 
-LONG_ENOUGH = "0.5"
+LONG_ENOUGH = "0.25"
 """Minutes, in which somebody can press Pause."""
 
 
@@ -22,7 +21,7 @@ LONG_ENOUGH = "0.5"
 def run(tmp_path_factory):
     """A short run of a small street."""
     folder = tmp_path_factory.mktemp("improve")
-    write_street(folder / "clip", StreetConfig(seed=3, steps=5, width=64, height=36, lidar_azimuths=200))
+    copy_street(TINY, folder / "clip", tmp_path_factory)
     config = build_train_config("instdrive", "demo", seed=1)
     config = replace(
         config,

@@ -13,7 +13,7 @@ def open_dialog(window):
     window.key("ctrl+p")
     window.wait_for_widget("palette.search")
     window.type("record drive")
-    window.key("Return")
+    window.tap("Return")
     window.wait_for_widget("record.folder")
 
 
@@ -40,7 +40,7 @@ def test_a_way_is_drawn_and_recorded(window, tmp_path):
 
     open_dialog(window)
     window.key("ctrl+a")
-    window.type(str(folder))
+    window.paste(str(folder))
     window.click_widget("dialog.accept")
     window.wait_for_message(f"Recorded {folder}")
     assert window.quit() == 0

@@ -40,7 +40,7 @@ def place(window, field, text):
     window.click_widget(f"inspector.{field}", "ctrl")
     window.key("ctrl+a")
     window.type(text)
-    window.key("Return")
+    window.tap("Return")
 
 
 def test_alone_home_turned_painted_exported_and_opened_as_it_was_left(window, tmp_path):

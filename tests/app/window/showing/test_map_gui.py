@@ -32,7 +32,7 @@ def test_the_map_zooms_pans_selects_and_leads_there(window):
     window.key("ctrl+p")
     window.wait_for_widget("palette.search")
     window.type("everything in the map")
-    window.key("Return")
+    window.tap("Return")
     window.wait_for(lambda state: state["map"]["scale"] == before["scale"], "the whole map again")
 
     window.click(*find_on_map(window, 3.0, 8.0))

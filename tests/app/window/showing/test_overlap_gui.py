@@ -21,7 +21,7 @@ def test_a_car_put_into_another_is_told_and_stays(street_folder, tmp_path):
             window.click_widget(f"inspector.{axis}", "ctrl")
             window.key("ctrl+a")
             window.type(f"{value:.2f}")
-            window.key("Return")
+            window.tap("Return")
             window.wait_until_calm()
         window.wait_for_message("parked car 1 reaches ")
         state = window.wait_until_calm()

@@ -19,10 +19,10 @@ def open_dialog(window, folder):
     window.key("ctrl+p")
     window.wait_for_widget("palette.search")
     window.type("record drive")
-    window.key("Return")
+    window.tap("Return")
     window.wait_for_widget("record.folder")
     window.key("ctrl+a")
-    window.type(str(folder))
+    window.paste(str(folder))
 
 
 def write_way(scene, folder):
@@ -58,12 +58,12 @@ def test_an_edited_drive_is_recorded_stopped_and_finished(street_folder, tmp_pat
         open_dialog(window, tmp_path / "mine")
         window.wait_for_widget("record.problem")
         window.key("ctrl+a")
-        window.type(str(folder))
+        window.paste(str(folder))
         window.click_widget("record.layout.coco")
         window.click_widget("record.way")
         window.click_widget("record.way.file")
         window.click_widget("record.way_file")
-        window.type(str(tmp_path / "drive.xosc"))
+        window.paste(str(tmp_path / "drive.xosc"))
         window.key("Tab")
         window.wait_for_widget("record.problem")
         write_way(street_folder, tmp_path)

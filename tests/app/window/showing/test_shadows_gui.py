@@ -32,7 +32,7 @@ def place(window, axis, text):
     window.click_widget(f"inspector.{axis}", "ctrl")
     window.key("ctrl+a")
     window.type(text)
-    window.key("Return")
+    window.tap("Return")
 
 
 def test_a_moved_car_gets_a_shadow_which_undo_takes_away_with_the_move(window):
