@@ -22,6 +22,7 @@ from instdrive_app.session.driving.path_editor import PathEditor
 from instdrive_app.session.export_controller import ExportController
 from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_app.session.files.opening import OpenedDocument
+from instdrive_app.session.files.sketches import OpeningScene, Sketches
 from instdrive_app.session.history_controller import HistoryController
 from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
@@ -75,7 +76,10 @@ class EditorSession:
         context = SessionContext(self.state, self.history, self.jobs, self.messages, self.requests, self.wake)
 
         self.aids = Aids(context)
-        self.files = DocumentFiles(context, self._enter, self._store_more, self._get_more_version)
+        self.navigation = Navigation(context)
+        self.sketches = Sketches(self.navigation)
+        more = self._store_more, self._get_more_version
+        self.files = DocumentFiles(context, self._enter, *more, self._offer_sketch)
         self.making = JobController(context, self.files)
         self.improver = Improver(context, self.files, self.making)
         self.finder = ObjectFinder(context, self.files, self.making)
@@ -84,7 +88,6 @@ class EditorSession:
         self.export = ExportController(context, self.files)
         self.ego_way = EgoWay()
         self.recorder = DriveRecorder(context, self.files, self.ego_way)
-        self.navigation = Navigation(context)
         self.camera_path = PathController(context, self.navigation)
         self.cameras = ShownCameras(context, self.navigation)
         self.references = ReferencePictures(self.messages.error, self.wake)
@@ -154,6 +157,10 @@ class EditorSession:
         if is_harmed and not opened.document.history.edits:
             self.requests.put(OfferCleanup())
 
+    def _offer_sketch(self, opening: OpeningScene, document: Document) -> None:
+        self.sketches.offer(opening, document)
+        self.wake()
+
     def _store_more(self) -> dict[str, Any]:
         """What a project keeps beside edits and view."""
         return {
@@ -194,6 +201,7 @@ class EditorSession:
         Plays the drive, too.
         """
         self.jobs.poll()
+        self.sketches.tick()
         self.history.tick()
         self.files.autosave.tick()
         self.making.tick()

@@ -70,7 +70,7 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
                 targets[name][target] = chunk[name][source]
             start += len(chunk)
             report(start / header.count)
-    return _assemble_scene(gaussians, ids, extra, header, path)
+    return assemble_ply_scene(gaussians, ids, extra, header, path)
 
 
 def write_ply(path: str | Path, scene: Scene) -> None:
@@ -121,9 +121,13 @@ def _find_unknown_columns(names: tuple[str, ...], rest: int, features: int) -> s
     return set(names) - view_columns(one).keys() - view_features(one).keys() - ID_LIMITS.keys()
 
 
-def _assemble_scene(
+def assemble_ply_scene(
     gaussians: Gaussians, ids: dict[str, ndarray], extra: dict[str, ndarray], header: PlyHeader, path: Path
 ) -> Scene:
+    """Make a scene of a file's columns (n,) and comments; `ids` are the instance IDs and codewords, `extra` is kept.
+
+    Raises DataError where a comment or the sky beside the file is damaged.
+    """
     # INRIA writes zero normals that nobody reads; only real ones are worth their memory.
     if not any(extra[name].any() for name in NORMALS if name in extra):
         extra = {name: column for name, column in extra.items() if name not in NORMALS}

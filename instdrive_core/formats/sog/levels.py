@@ -84,6 +84,22 @@ def read_sog_levels(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     return _read_streamed(path.parent, 0, options, path.name)
 
 
+def sketch_sog_levels(path: Path, most: int) -> Scene | None:
+    """Read the finest level of a streamed scene that has at most twice `most` splats, else the coarsest.
+
+    None where that is more than a quarter of the scene, or the scene is that small. Raises DataError.
+    """
+    folder, name = (path, LOD_META) if path.is_dir() else (path.parent, path.name)
+    tree = FolderStore(folder).read_json(name).get("tree")
+    numbers = sorted({number for levels in _walk_levels(tree, folder) for number in levels})
+    counts = {number: sum(part.count for part in _collect_parts(tree, number, folder)) for number in numbers}
+    whole = counts.get(min(numbers, default=0), 0)
+    level = next((number for number in numbers if counts[number] <= 2 * most), max(numbers, default=0))
+    if whole < 2 * most or 4 * counts[level] > whole:
+        return None
+    return _read_streamed(folder, level, WHOLE, name)
+
+
 def _find_chunk_folders(folder: Path) -> dict[tuple[int, int], Path]:
     entries = ((_CHUNK.fullmatch(entry.name), entry) for entry in folder.iterdir())
     found = {(int(match[1]), int(match[2])): entry for match, entry in entries if match}
@@ -165,8 +181,14 @@ def _open_chunks(
 
 
 def _collect_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
-    """Collect what the leaves show at a level. Not recursive: a hostile tree is as deep as it likes."""
-    pending, parts, visited = [tree], [], 0
+    """Collect what the leaves show at a level."""
+    parts = [_parse_part(levels[_choose_level(level, set(levels))], folder) for levels in _walk_levels(tree, folder)]
+    return [part for part in parts if part.count]
+
+
+def _walk_levels(tree: Any, folder: Path) -> Iterator[dict[int, Any]]:
+    """Walk through the leaves: what each shows, by level. Not recursive: a hostile tree is as deep as it likes."""
+    pending, visited = [tree], 0
     while pending:
         node = pending.pop()
         visited += 1
@@ -176,10 +198,9 @@ def _collect_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
         if not isinstance(children, list) or not isinstance(levels, dict):
             raise DataError(folder, f"a node of {LOD_META} has 'children' or 'lods' of the wrong kind", REMEDY)
         pending += children
-        numbers = {int(key) for key in levels if key.isascii() and key.isdigit() and len(key) < 7}
-        if numbers:
-            parts.append(_parse_part(levels.get(str(_choose_level(level, numbers))), folder))
-    return [part for part in parts if part.count]
+        named = {int(key): entry for key, entry in levels.items() if key.isascii() and key.isdigit() and len(key) < 7}
+        if named:
+            yield named
 
 
 def _parse_part(entry: Any, folder: Path) -> _Part:
