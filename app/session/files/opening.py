@@ -20,7 +20,11 @@ from instdrive_core.project.save import is_project
 from instdrive_core.project.sources import get_sources
 from instdrive_core.rasterize.sky_evidence import fill_scene_sky
 from instdrive_core.scene.lint import Defect, find_defects
+from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import phrase
+
+MOST_LINTED = 2_000_000
+"""Splats up to which defects are looked for before a scene is shown: 0.3 s per million."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,8 @@ class OpenedDocument:
     """The user's view when the project was saved."""
     notes: tuple[str, ...] = ()
     """What the user should know about the project."""
-    defects: tuple[Defect, ...] = ()
-    """What is wrong with the scene's splats."""
+    defects: tuple[Defect, ...] | None = ()
+    """What is wrong with the scene's splats; None where that is still to be found, as it takes seconds."""
     restored: RestoredSession | None = None
     """The recovered work, where the document comes from an editor that ended without saving."""
 
@@ -90,8 +94,13 @@ def open_for_editing(
     fill_document_sky(document)
     document.count_states()  # builds the index of instances here, so that the first click finds it built
     report(0.95)
-    defects = tuple(defect for defect in find_defects(document.scene) if len(defect.rows))
+    defects = list_defects(document.scene) if len(document.scene) <= MOST_LINTED else None
     return OpenedDocument(document, path, view, notes, defects)
+
+
+def list_defects(scene: Scene) -> tuple[Defect, ...]:
+    """List the defects of single splats."""
+    return tuple(defect for defect in find_defects(scene) if len(defect.rows))
 
 
 def fill_document_sky(document: Document) -> None:

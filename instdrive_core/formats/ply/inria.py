@@ -29,6 +29,7 @@ from instdrive_core.formats.ply.columns import (
 from instdrive_core.formats.ply.comments import build_comments, parse_comments
 from instdrive_core.formats.ply.compressed import read_compressed_ply
 from instdrive_core.formats.ply.compressed_layout import PACKED
+from instdrive_core.formats.ply.row_scatter import can_scatter, scatter_rows
 from instdrive_core.formats.ply.start_view import build_view_comments, read_sky_picture, write_sky_picture
 from instdrive_core.formats.ply.street_elements import is_street_ply, read_street_ply
 from instdrive_core.instances.table import build_instance_table
@@ -61,6 +62,9 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
         known = view_columns(gaussians) | view_features(gaussians) | ids
         extra = {name: np.empty(count, header.dtype[name].newbyteorder("=")) for name in names if name not in known}
         targets = known | extra
+        if options.keep_every == 1 and can_scatter(header):
+            scatter_rows(path, header, gaussians, ids, extra)
+            return assemble_ply_scene(gaussians, ids, extra, header, path)
         start = 0
         for chunk in read_ply_chunks(file, header, path):
             source, target = options.locate_rows(start, start + len(chunk))

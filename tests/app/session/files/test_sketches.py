@@ -12,6 +12,7 @@ from session_driver import errors, finish
 
 from instdrive_app import camera
 from instdrive_app.session.files import opening
+from instdrive_app.session.requests import OfferCleanup
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import save_scene, sketch_scene
 from instdrive_core.progress import report
@@ -120,3 +121,14 @@ def test_small_scenes_are_opened_at_once(session, tmp_path):
     while session.jobs.current is not None:
         assert session.sketches.shown is None
         session.tick(0.0)
+
+
+def test_defects_of_large_scenes_are_told_when_they_are_found(session, tmp_path, monkeypatch):
+    scene = dataclasses.replace(random_scene(2, 300, actors=0), sky=None, views=())
+    scene.gaussians.log_scales[7] = np.nan
+    save_scene(tmp_path / "odd.ply", scene)
+    monkeypatch.setattr(opening, "MOST_LINTED", 100)
+    session.files.open(tmp_path / "odd.ply")
+    finish(session)
+    assert session.requests.take(OfferCleanup) is not None
+    assert [defect.rows.tolist() for defect in session.files.defects if defect.kind == "not_finite"] == [[7]]
