@@ -93,6 +93,7 @@ def open_for_editing(
             notes = (*notes, note) if note else notes
     fill_document_sky(document)
     document.count_states()  # builds the index of instances here, so that the first click finds it built
+    document.keep_instance_ids()  # as the first deletion needs them
     report(0.95)
     defects = list_defects(document.scene) if len(document.scene) <= MOST_LINTED else None
     return OpenedDocument(document, path, view, notes, defects)
