@@ -69,9 +69,9 @@ def open_for_editing(
     Raises DataError; SceneChangedError where the scene of a project has changed, SceneTooLargeError where it does not
     fit into memory.
     """
+    report(0.0)
     if show_sketch is not None and not is_project(path):
         sketch = sketch_document(path)
-        report(0.0)
         if sketch is not None:
             show_sketch(sketch)
     notes: tuple[str, ...] = ()
