@@ -15,7 +15,7 @@ from pathlib import Path
 
 import tyro
 
-from benchmarks.editor_scene import SIZE, write_street
+from benchmarks.editor_scene import SIZE, write_street, write_tiled_street
 from benchmarks.editor_session import driven_editor
 from benchmarks.editor_window import help_seconds, window_figures
 from benchmarks.own_state import own_state
@@ -33,6 +33,9 @@ class Options:
     """Splats of the large one."""
     huge: int = 5_000_000
     """Splats of a scene that is only opened, looked around in and clicked; 0 leaves it out (1.2 GB of disk)."""
+    biggest: int = 0
+    """Splats of a scene without harmonics, e.g. 13600000, to be opened, looked around in, clicked, edited; 0 leaves it
+    out (a minute, 6 GB of memory and 1 GB of disk)."""
     frames: int = 20
     """Frames timed at full resolution."""
     actions: int = 15
@@ -50,6 +53,8 @@ def main(options: Options) -> dict[str, float]:
         figures |= _large_figures(folder, options)
         if options.huge:
             figures |= _huge_figures(folder, options)
+        if options.biggest:
+            figures |= _biggest_figures(folder, options)
         figures["help_s"] = help_seconds()
         if options.window:
             small = folder / f"street_{options.small}.ply"
@@ -100,6 +105,26 @@ def _huge_figures(folder: Path, options: Options) -> dict[str, float]:
             "fps_5m_720p_moving": editor.fps_moving(options.moving_seconds),
             "click_ms_5m": 1e3 * editor.click_seconds(options.actions),
             "open_s_5m": opened,
+        }
+
+
+def _biggest_figures(folder: Path, options: Options) -> dict[str, float]:
+    path, cameras = write_tiled_street(folder, options.biggest)
+    with open_offscreen_context() as context, driven_editor(context, SIZE) as editor:
+        first, opened = editor.open_sketched(path)
+        name = f"{options.biggest // 10**6}m"
+        figures = {f"first_picture_s_{name}": first, f"open_s_{name}": opened}
+        editor.settle()
+        figures[f"first_sharp_s_{name}"] = editor.view.frame_seconds
+        figures[f"fps_{name}_720p_moving_at_once"] = editor.fps_moving(options.moving_seconds)
+        editor.fps_moving(8 * options.moving_seconds)  # levels of detail are built meanwhile
+        figures[f"fps_{name}_720p_moving_all_in_view"] = editor.fps_moving(options.moving_seconds)
+        editor.look_from(cameras[0])
+        editor.settle()
+        return figures | {
+            f"fps_{name}_720p_moving": editor.fps_moving(options.moving_seconds),
+            f"click_ms_{name}": 1e3 * editor.click_seconds(options.actions),
+            f"delete_ms_{name}": 1e3 * editor.delete_seconds(options.actions),
         }
 
 

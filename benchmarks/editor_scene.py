@@ -20,6 +20,8 @@ from instdrive_core.scene.scene import Scene
 SIZE = (1280, 720)
 SH_REST = 15
 """Coefficients above the constant: degree 3, as 3DGS trains them."""
+STREET = 1_000_000
+"""Gaussians of each of the streets that lie side by side in a scene larger than that."""
 BLOCK = np.array([5.0, 3.0, 3.0])
 """Metres: the street is cut into instances of about a car's size."""
 
@@ -47,6 +49,33 @@ def write_street(folder: Path, count: int, block: Float64[ndarray, "3"] = BLOCK)
     path = folder / f"street_{count}.ply"
     save_scene(path, scene)
     return path, workload.cameras
+
+
+def write_tiled_street(folder: Path, count: int) -> tuple[Path, tuple[Camera, ...]]:
+    """Write a scene without harmonics of many streets side by side, a million Gaussians each.
+
+    Returns its file and cameras that look along the first of them. Raises DataError as `write_street` does.
+    """
+    street, places = generate_workload(min(count, STREET), *SIZE, "trained"), np.arange(count)
+    rows, tile = places % len(street.means), places // len(street.means)
+    width = np.ptp(street.means[:, 1])
+    means = street.means[rows]
+    means[:, 1] += tile * width
+    gaussians = Gaussians(
+        means=means,
+        quats=street.quats[rows],
+        log_scales=street.log_scales[rows],
+        opacity_logits=logit(street.opacities)[rows],
+        sh_dc=dc_from_color(street.channels[:, :3])[rows],
+        sh_rest=np.zeros((count, 0, 3), np.float32),
+        features=np.zeros((count, 0), np.float32),
+    )
+    of_one = _block_ids(street.means, BLOCK)
+    ids = (of_one[rows] + tile * of_one.max()).astype(np.uint32)
+    zeros, nodes = np.zeros(count, np.uint32), np.zeros(count, np.uint16)
+    path = folder / f"streets_{count}.ply"
+    save_scene(path, Scene(gaussians, ids, zeros, nodes, build_instance_table(ids, means, zeros, nodes)))
+    return path, street.cameras
 
 
 def _block_ids(means: Float32[ndarray, "n 3"], block: Float64[ndarray, "3"]) -> UInt32[ndarray, " n"]:

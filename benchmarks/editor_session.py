@@ -34,6 +34,7 @@ class DrivenEditor:
     def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
         self._woken = threading.Event()
         self.session, self.view = EditorSession(), LiveView(context, self._woken.set)
+        self.sketch_view = LiveView(context, self._woken.set, warms_up=False)
         self.session.wake_window = self._woken.set
         self.tool, self.size = PickTool(self.session), size
         self.longest_freeze = 0.0
@@ -45,7 +46,11 @@ class DrivenEditor:
         started = time.perf_counter()
         act()
         self.session.tick(FRAME)
-        if self.session.document is not None:
+        sketch = self.session.sketches.shown
+        if sketch is not None:
+            self.sketch_view.show(sketch.document, self.session.state, *self.size)
+        elif self.session.document is not None:
+            self.sketch_view.release()
             self.view.show(self.session.document, self.session.state, *self.size)
         seconds = time.perf_counter() - started
         self.longest_freeze = max(self.longest_freeze, seconds)
@@ -73,6 +78,12 @@ class DrivenEditor:
         """Seconds until the scene is the open document."""
         self.session.files.open(path)
         return self.frames_until(lambda: self.session.document is not None)
+
+    def open_sketched(self, path: Path) -> tuple[float, float]:
+        """Seconds until the sketch of a large scene is on the screen, and until the scene is the open document."""
+        self.session.files.open(path)
+        first = self.frames_until(lambda: self.sketch_view.snapshot is not None)
+        return first, first + self.frames_until(lambda: self.session.document is not None)
 
     def export(self, path: Path) -> float:
         """Seconds until the file is whole."""
@@ -121,6 +132,18 @@ class DrivenEditor:
             if self.session.selection.ids:
                 taken.append(seconds)
             self.settle()
+        return statistics.median(taken)
+
+    def delete_seconds(self, count: int) -> float:
+        """Median time of a frame in which an instance is deleted; each is undone before the next."""
+        session, taken = self.session, []
+        assert session.document is not None
+        visible = session.document.find_visible_instances()
+        for number in range(count):
+            taken.append(self.frame(lambda instance=visible[7 * number]: session.deletion.delete((instance,))))
+            self.frames_until(lambda: session.jobs.current is None)
+            session.history.undo()
+        self.settle()
         return statistics.median(taken)
 
     def edit_seconds(self, count: int) -> dict[str, float]:
@@ -179,5 +202,6 @@ def driven_editor(context: moderngl.Context, size: tuple[int, int]) -> Iterator[
     try:
         yield editor
     finally:
+        editor.sketch_view.release()
         editor.view.release()
         editor.session.close()

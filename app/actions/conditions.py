@@ -60,6 +60,13 @@ def run_or_explain(session: EditorSession, action: Action) -> None:
         session.messages.info(reason)
 
 
+def ask_to_wait(session: EditorSession) -> None:
+    """Tell a user who wants more than look around in a sketch to wait for the scene; once while that is on screen."""
+    text = "Please wait until the whole scene has been read. Meanwhile you can look around"
+    if all(message.text != text for message in session.messages.toasts):
+        session.messages.info(text)
+
+
 def _list_traces(session: EditorSession) -> tuple[object, ...]:
     """What an action leaves that edits, asks, says or begins something."""
     history = session.document.history if session.document is not None else None

@@ -7,10 +7,12 @@ from functools import cache
 from imgui_bundle import imgui
 
 from instdrive_app.action import Action, format_shortcut
-from instdrive_app.actions.conditions import run_or_explain
+from instdrive_app.actions.conditions import QUIET, ask_to_wait, run_or_explain
 from instdrive_app.language.translation import make_label, translate
+from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, begin_icon_submenu, draw_icon_menu_item
 from instdrive_app.preferences.key_presets import KEY_NAMES, PRESETS
+from instdrive_app.preferences.themes import DIM, TEXT
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
 _NAMED = {
@@ -34,6 +36,9 @@ _NAMED = {
 
 def draw_menus(ui: Ui) -> None:
     """Fill the menu bar."""
+    waits = ui.session.sketches.shown is not None
+    imgui.begin_disabled(waits)
+    imgui.push_style_color(imgui.Col_.text, rgba(DIM if waits else TEXT))  # a disabled title looks like the others
     for menu in ui.session.actions.menus:
         opened = imgui.begin_menu(make_label(menu))
         ui.mark(f"menu {menu}")
@@ -43,6 +48,8 @@ def draw_menus(ui: Ui) -> None:
                     imgui.separator()
                 _draw_menu_item(ui, command)
             imgui.end_menu()
+    imgui.pop_style_color()
+    imgui.end_disabled()
 
 
 def _draw_menu_item(ui: Ui, command: Action) -> None:
@@ -84,7 +91,10 @@ def run_shortcuts(ui: Ui) -> None:
     for command in ui.session.actions:
         shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
         if any(imgui.is_key_chord_pressed(parse_shortcut(shortcut)) for shortcut in shortcuts):
-            run_or_explain(ui.session, command)
+            if ui.session.sketches.shown is None:
+                run_or_explain(ui.session, command)
+            elif not QUIET.intersection(command.shortcuts):
+                ask_to_wait(ui.session)
 
 
 def _close_by_escape() -> None:

@@ -92,8 +92,8 @@ def _draw_job(ui: Ui, job: Job) -> None:
 
 
 def draw_progress(ui: Ui) -> None:
-    """Draw a box in the middle of the window while a modal job runs."""
-    job = ui.session.jobs.current
+    """Draw a box in the middle of the window while a modal job runs, unless a sketch shows what it is about."""
+    job = ui.session.jobs.current if ui.session.sketches.shown is None else None
     name = "##progress"
     if job is not None and job.modal and ui.session.document is not None:
         imgui.open_popup(name)

@@ -9,14 +9,17 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app import camera
+from instdrive_app.actions.conditions import ask_to_wait
 from instdrive_app.panels.empty_view import EmptyView
 from instdrive_app.panels.instances.menu import draw_instance_menu
+from instdrive_app.panels.opening_banner import draw_opening_banner
 from instdrive_app.panels.overlays.reference import draw_reference_beside, split_viewport
 from instdrive_app.panels.overlays.registry import ABOVE_HANDLES, BELOW_HANDLES, HANDLES
 from instdrive_app.panels.views import keep_thumbnails
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Click, Point
 from instdrive_app.preferences.key_presets import LEFT, PRESETS, CameraDrag
+from instdrive_app.session.files.sketches import Sketch
 from instdrive_app.state import FrameSnapshot, Viewpoint
 
 PICTURE = "##picture"
@@ -84,7 +87,11 @@ class ViewportPanel:
         density = max(imgui.get_io().display_framebuffer_scale.x, 1.0)
         place = Rectangle(at.x, at.y, max(int(area.x), 16), max(int(area.y), 16), density)
         ui.marks["viewport"] = (place.x, place.y, place.x + place.width, place.y + place.height)
+        if ui.session.sketches.shown is not None:
+            self._draw_sketch(ui, place, ui.session.sketches.shown)
+            return
         if ui.session.document is None:
+            ui.sketch_view.release()
             self._empty.draw(ui, place)
             return
         place, beside = split_viewport(ui, place)
@@ -96,6 +103,11 @@ class ViewportPanel:
         ui.session.state.picture_size = place.picture_size
         ui.session.state.pixel_scale = scale_pixels(density)
         picture = ui.view.show(ui.session.document, ui.session.state, *place.picture_size)
+        if ui.view.snapshot is None and ui.sketch_view.document is not None:
+            # Until the first picture of what was sketched is there.
+            picture = ui.sketch_view.show(ui.sketch_view.document, ui.session.state, *place.picture_size)
+        else:
+            ui.sketch_view.release()
         keep_thumbnails(ui)
         imgui.image(imgui.ImTextureRef(picture.glo), ImVec2(place.width, place.height))
         imgui.set_cursor_screen_pos(at)
@@ -113,6 +125,22 @@ class ViewportPanel:
         layers.channels_merge()
         for overlay in self._above:
             overlay.draw(ui, place)
+
+    def _draw_sketch(self, ui: Ui, place: Rectangle, sketch: Sketch) -> None:
+        """Draw what is known of a scene that is being opened; the camera moves, and clicks are asked to wait."""
+        ui.marks["picture"] = (place.x, place.y, place.x + place.width, place.y + place.height)
+        ui.session.state.picture_size = place.picture_size
+        ui.session.state.pixel_scale = scale_pixels(place.density)
+        ui.pointer, ui.session.state.hovered = None, 0
+        at = imgui.get_cursor_screen_pos()
+        picture = ui.sketch_view.show(sketch.document, ui.session.state, *place.picture_size)
+        imgui.image(imgui.ImTextureRef(picture.glo), ImVec2(place.width, place.height))
+        imgui.set_cursor_screen_pos(at)
+        hovered, active = self._add_picture_button(place)
+        self._navigate(ui, place, hovered, active)
+        if hovered and not self._drags and (imgui.is_mouse_released(0) or imgui.is_mouse_released(1)):
+            ask_to_wait(ui.session)
+        draw_opening_banner(ui, place, sketch.job)
 
     def _offer_handles(self, ui: Ui, place: Rectangle) -> None:
         """Draw the handles before the picture's own item, so that they get the mouse first.
@@ -148,7 +176,7 @@ class ViewportPanel:
             repeats = imgui.is_mouse_clicked(0) and is_quick_repeat(self._press, press)
             self._is_double, self._press = repeats or imgui.is_mouse_double_clicked(0), press
         moved = self._drag_view(ui, place) if active else viewpoint
-        if hovered and io.mouse_wheel and io.key_alt:
+        if hovered and io.mouse_wheel and io.key_alt and ui.session.sketches.shown is None:
             self._turn_wheel(ui, place, -1 if io.mouse_wheel > 0 else 1)
         elif hovered and io.mouse_wheel:
             moved = camera.dolly(moved, 0.88**io.mouse_wheel)
@@ -172,11 +200,13 @@ class ViewportPanel:
         first, self._drags = not self._drags, True
         preset = PRESETS[ui.session.preferences.current.preset]
         is_alt_orbit = io.key_alt and CameraDrag(LEFT, "orbit", "Alt") in preset.drags
-        if button == 0 and ui.tool.drags and not is_alt_orbit:
+        uses_tool = ui.tool.drags and ui.session.sketches.shown is None
+        if button == 0 and uses_tool and not is_alt_orbit:
             self._drag_tool(ui, start, place.find_pixel(io.mouse_pos.x, io.mouse_pos.y))
             return viewpoint
         if first:
-            depth = ui.view.measure_depth_at(*start)
+            view = ui.view if ui.session.sketches.shown is None else ui.sketch_view
+            depth = view.measure_depth_at(*start)
             if depth:
                 viewpoint = camera.set_pivot_distance(viewpoint, depth)
         dx, dy = io.mouse_delta.x, io.mouse_delta.y
@@ -189,7 +219,7 @@ class ViewportPanel:
             return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fit_camera(place.width, place.height).fx)
         if motion == "dolly":
             return camera.dolly(viewpoint, DOLLY_PER_PIXEL ** ((dx - dy) / scale_pixels(1)))
-        turn = camera.look if motion == "look" and not ui.tool.drags else ui.session.navigation.orbit
+        turn = camera.look if motion == "look" and not uses_tool else ui.session.navigation.orbit
         return turn(viewpoint, -dx * TURN_PER_PIXEL / scale_pixels(1), -dy * TURN_PER_PIXEL / scale_pixels(1))
 
     def _turn_wheel(self, ui: Ui, place: Rectangle, step: int) -> None:

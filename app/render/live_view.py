@@ -31,10 +31,14 @@ SETTLE_SECONDS = 0.15
 class LiveView:
     """Owns the renderer of the present document."""
 
-    def __init__(self, ctx: moderngl.Context, wake: Callable[[], None] = lambda: None) -> None:
-        """`wake` is called from another thread when `show` has a newer picture to show."""
+    def __init__(self, ctx: moderngl.Context, wake: Callable[[], None] = lambda: None, warms_up: bool = True) -> None:
+        """`wake` is called from another thread when `show` has a newer picture to show.
+
+        The first view of a process `warms_up` the CPU's renderer.
+        """
         self._ctx, self._wake = ctx, wake
-        start_warm_up()  # with a GPU, too: the CPU says what its pixels stand for
+        if warms_up:
+            start_warm_up()  # with a GPU, too: the CPU says what its pixels stand for
         self._renderer: FrameRenderer | None = None
         self._picker = Picker()
         self._kind = choose_renderer_kind(ctx.info["GL_RENDERER"])
@@ -57,6 +61,11 @@ class LiveView:
         """The driver's error since the last call; None if there is none."""
         fault = self._ctx.error
         return None if fault == "GL_NO_ERROR" else fault
+
+    @property
+    def document(self) -> Document | None:
+        """The document that was shown last."""
+        return self._document
 
     @property
     def renderer(self) -> FrameRenderer:

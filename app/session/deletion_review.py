@@ -293,7 +293,7 @@ class DeletionReview:
         document = self._context.document
         if document is None:
             return
-        deletion, frozen = edit or document.history.done[-1], freeze_document(document)
+        deletion, frozen = edit or document.history.done[-1], freeze_document(document, keeps_ids=True)
 
         def look() -> DeletionFindings | None:
             report = work(frozen)

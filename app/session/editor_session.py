@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,8 @@ from instdrive_app.session.driving.ego_way import EgoWay
 from instdrive_app.session.driving.path_editor import PathEditor
 from instdrive_app.session.export_controller import ExportController
 from instdrive_app.session.files.document_files import DocumentFiles
-from instdrive_app.session.files.opening import OpenedDocument
+from instdrive_app.session.files.opening import OpenedDocument, list_defects
+from instdrive_app.session.files.sketches import OpeningScene, Sketches
 from instdrive_app.session.history_controller import HistoryController
 from instdrive_app.session.insert_controller import InsertController
 from instdrive_app.session.label_controller import LabelController
@@ -51,7 +53,8 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.files.user_folders import find_state_folder
 from instdrive_core.filming.path_file import FIELD
 from instdrive_core.formats.registry import find_stated_up
-from instdrive_core.scene.lint import HARMFUL
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.lint import HARMFUL, Defect
 from instdrive_core.scene.transforms import Similarity
 from instdrive_core.wording import format_count, phrase
 
@@ -75,7 +78,10 @@ class EditorSession:
         context = SessionContext(self.state, self.history, self.jobs, self.messages, self.requests, self.wake)
 
         self.aids = Aids(context)
-        self.files = DocumentFiles(context, self._enter, self._store_more, self._get_more_version)
+        self.navigation = Navigation(context)
+        self.sketches = Sketches(self.navigation)
+        more = self._store_more, self._get_more_version
+        self.files = DocumentFiles(context, self._enter, *more, self._offer_sketch)
         self.making = JobController(context, self.files)
         self.improver = Improver(context, self.files, self.making)
         self.finder = ObjectFinder(context, self.files, self.making)
@@ -84,7 +90,6 @@ class EditorSession:
         self.export = ExportController(context, self.files)
         self.ego_way = EgoWay()
         self.recorder = DriveRecorder(context, self.files, self.ego_way)
-        self.navigation = Navigation(context)
         self.camera_path = PathController(context, self.navigation)
         self.cameras = ShownCameras(context, self.navigation)
         self.references = ReferencePictures(self.messages.error, self.wake)
@@ -149,10 +154,29 @@ class EditorSession:
             self.messages.info(note)
         if opened.document.history.done:
             self.deletion.review.resume(opened.view.get("pending") if opened.view is not None else None)
-        self.files.defects = opened.defects
-        is_harmed = any(defect.kind in HARMFUL for defect in opened.defects)
-        if is_harmed and not opened.document.history.edits:
+        if opened.defects is not None:
+            self._tell_defects(opened.document, opened.defects)
+            return
+        scene = opened.document.scene  # edits may begin meanwhile
+        as_opened = replace(scene, gaussians=Gaussians(**scene.gaussians.arrays()), nodes=scene.nodes.copy())
+        self.files.defects = ()
+        self.jobs.submit_in_background(
+            "Looking for odd splats",
+            lambda: list_defects(as_opened),
+            lambda defects: self._tell_defects(opened.document, defects),
+        )
+
+    def _tell_defects(self, document: Document, defects: tuple[Defect, ...]) -> None:
+        """Offer to remove what is wrong with a document, unless it is being edited or was closed."""
+        if document is not self.document:
+            return
+        self.files.defects = defects
+        if any(defect.kind in HARMFUL for defect in defects) and not document.history.edits:
             self.requests.put(OfferCleanup())
+
+    def _offer_sketch(self, opening: OpeningScene, document: Document) -> None:
+        self.sketches.offer(opening, document)
+        self.wake()
 
     def _store_more(self) -> dict[str, Any]:
         """What a project keeps beside edits and view."""
@@ -194,6 +218,7 @@ class EditorSession:
         Plays the drive, too.
         """
         self.jobs.poll()
+        self.sketches.tick()
         self.history.tick()
         self.files.autosave.tick()
         self.making.tick()

@@ -47,6 +47,17 @@ class _Start:
     time: float
 
 
+@dataclass(frozen=True)
+class _Sketched:
+    """A sketch that is looked at while its scene is being opened."""
+
+    document: Document
+    viewpoint: Viewpoint
+    """From where it was shown first."""
+    before: tuple[Viewpoint, int | None, float]
+    """Viewpoint, dataset camera and time of the document that was open before."""
+
+
 class Navigation:
     """Sets camera and time of the view state; dataset cameras and time steps come from the open document."""
 
@@ -57,21 +68,54 @@ class Navigation:
         """Whether the drive is playing."""
         self._play_clock = 0.0
         self._start: _Start | None = None
+        self._sketched: _Sketched | None = None
         self._ground: tuple[tuple[object, ...], Float32[ndarray, "n 3"]] | None = None
 
+    @property
+    def _document(self) -> Document | None:
+        """The document that is looked at: the open one, or the sketch of one that is being opened."""
+        return self._context.document if self._sketched is None else self._sketched.document
+
     def enter(self, document: Document) -> None:
-        """Choose the first view of a document: its first dataset camera, else one that shows everything."""
-        scene = document.scene
+        """Choose the first view of a document: its first dataset camera, else one that shows everything.
+
+        Where a sketch of it was shown, that is the sketch's, and a user who has looked around in it stays there.
+        """
+        scene, sketched, seen = document.scene, self._sketched, self._state.viewpoint
+        self._sketched = None
         self.timeline = Timeline(scene.views, scene.actors)
         self._state.time, self._state.dataset_view = self.timeline.start, None
         if scene.views:
             self.look_through(0)
-        elif scene.start is not None:
-            start = CameraView(scene.start, "start view", 0, 0.0)
-            self.look_from(camera.view_from_camera(start, self._state.viewpoint.pivot_distance))
         else:
-            self.look_from(frame_scene(self._find_framed_means()))
+            self.look_from(sketched.viewpoint if sketched is not None else self._find_first_viewpoint(document))
         self.keep_start()
+        if sketched is not None and seen is not sketched.viewpoint:
+            self.look_from(seen)
+
+    def _find_first_viewpoint(self, document: Document) -> Viewpoint:
+        """Find a viewpoint for a document that is looked at: its first dataset camera's, else one that shows it all."""
+        scene, distance = document.scene, self._state.viewpoint.pivot_distance
+        if scene.views:
+            return camera.view_from_camera(scene.views[0], distance)
+        if scene.start is not None:
+            return camera.view_from_camera(CameraView(scene.start, "start view", 0, 0.0), distance)
+        return frame_scene(self._find_framed_means())
+
+    def begin_sketch(self, document: Document) -> None:
+        """Look at a sketch of a scene that is being opened, as the whole will be looked at first."""
+        state, earlier = self._state, self._sketched
+        before = (state.viewpoint, state.dataset_view, state.time) if earlier is None else earlier.before
+        self._sketched = _Sketched(document, state.viewpoint, before)  # what is framed
+        self.playing = False
+        self.look_from_kept(self._find_first_viewpoint(document), 0.0)
+        self._sketched = _Sketched(document, state.viewpoint, before)
+
+    def leave_sketch(self) -> None:
+        """Return to the document that was open before the sketch; does nothing where the whole has been entered."""
+        if self._sketched is not None:
+            self._state.viewpoint, self._state.dataset_view, self._state.time = self._sketched.before
+            self._sketched = None
 
     def keep_start(self) -> None:
         """Make the present view the one that `look_from_start` returns to."""
@@ -90,7 +134,7 @@ class Navigation:
 
     def orbit(self, viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
         """Turn a viewpoint about its pivot (radians), not below the ground unless the user wants to go there."""
-        if not self._state.stay_above_ground or self._context.document is None:
+        if not self._state.stay_above_ground or self._document is None:
             return camera.orbit(viewpoint, yaw, pitch)
         points = self._find_ground_points()
         clearance = min(CLEARANCE, CLEARANCE_SHARE * viewpoint.pivot_distance)
@@ -103,7 +147,7 @@ class Navigation:
 
     def find_ground_height(self, place: Float[ndarray, "3"]) -> float | None:
         """Find the height (metres, z up) of the ground below a place; None where no ground is near."""
-        if self._context.document is None:
+        if self._document is None:
             return None
         return estimate_ground_height(self._find_ground_points(), place, GROUND_RADII)
 
@@ -210,7 +254,7 @@ class Navigation:
 
         Returns every k-th of many splats: choosing a viewpoint needs no more, and a million take longer than a frame.
         """
-        document = self._context.document
+        document = self._document
         assert document is not None
         rows = document.find_rows(ids) if ids else np.arange(len(document.scene))
         rows = rows[:: 1 + len(rows) // MAX_LOOKED_AT]
@@ -218,7 +262,7 @@ class Navigation:
 
     def _find_framed_means(self) -> Float[ndarray, "n 3"]:
         """World positions of what is shown and not faint; of all that is not deleted where too little is left."""
-        document = self._context.document
+        document = self._document
         assert document is not None
         rows = np.flatnonzero(document.state.drawn)
         rows = rows[:: 1 + len(rows) // MAX_LOOKED_AT]
@@ -227,7 +271,7 @@ class Navigation:
 
     def _find_ground_points(self) -> Float32[ndarray, "n 3"]:
         """Some points of the background (world), kept while nothing is turned, moved or deleted."""
-        document = self._context.document
+        document = self._document
         assert document is not None
         key = (ref(document), document.versions)
         if self._ground is None or self._ground[0] != key:
@@ -238,7 +282,7 @@ class Navigation:
 
     def _place(self, rows: Int[ndarray, " n"]) -> Float[ndarray, "n 3"]:
         """World positions of rows at the shown time."""
-        document = self._context.document
+        document = self._document
         assert document is not None
         scene = document.scene
         poses, _ = scene.find_node_poses(self._state.time)

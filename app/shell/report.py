@@ -41,6 +41,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
     """Describe state, selection, history, camera, messages, and the places of widgets (window pixels)."""
     session, document = ui.session, ui.session.document
     state: dict[str, Any] = {
+        "sketch": _describe_sketch(ui),
         "busy": session.jobs.current.title if session.jobs.current else None,
         "settled": ui.view.settled,
         "language": get_language(),
@@ -94,3 +95,12 @@ def describe_window(ui: Ui) -> dict[str, Any]:
             "world_from_camera": camera.world_from_camera.tolist(),
         },
     }
+
+
+def _describe_sketch(ui: Ui) -> dict[str, Any] | None:
+    """Describe the sketch of a scene that is being opened; None while there is none."""
+    sketch = ui.session.sketches.shown
+    if sketch is None:
+        return None
+    pose = ui.session.state.viewpoint.world_from_camera.tolist()
+    return {"splats": len(sketch.document.scene), "drawn": ui.sketch_view.snapshot is not None, "pose": pose}

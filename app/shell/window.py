@@ -24,6 +24,7 @@ from instdrive_app.panels.menus import draw_menus, run_shortcuts
 from instdrive_app.panels.registry import PANELS, PanelRecord
 from instdrive_app.panels.status import StatusBar
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
+from instdrive_app.panels.viewport import ViewportPanel
 from instdrive_app.panels.widgets.theme import apply_style, apply_theme, load_fonts
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.panels.window_menu import list_panel_actions
@@ -169,7 +170,10 @@ class EditorWindow:
         panel = record.create()
 
         def draw() -> None:
+            waits = self._session.sketches.shown is not None and not isinstance(panel, ViewportPanel)
+            imgui.begin_disabled(waits)  # what it lists is not what is looked at
             panel.draw(self.ui)
+            imgui.end_disabled()
 
         window = hello_imgui.DockableWindow(self._labels[record.title], record.place, self._guard(draw), record.shown)
         window.can_be_closed = not record.shown
@@ -202,7 +206,8 @@ class EditorWindow:
         view = LiveView(self._context, self._wake)
         self._session.wake_window = self._wake
         tools = create_tools(self._session, lambda snapshot: view.renderer.read_rows(snapshot))
-        self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
+        sketch_view = LiveView(self._context, self._wake, warms_up=False)
+        self._ui = Ui(self._session, view, sketch_view, tools, load_fonts(), PictureTextures(self._context))
         self._drops = accept_drops(glfw_utils.glfw_window_hello_imgui(), self._take_drop)
         share_fairly()
         Thread(target=_load_what_is_needed, name="warm-up", daemon=True).start()
@@ -331,6 +336,7 @@ class EditorWindow:
         self._session.wake_window = do_nothing
         if self._ui is not None:
             self._ui.view.release()
+            self._ui.sketch_view.release()
             self._ui.textures.release()
         if self._reporter is not None:
             self._reporter.close()

@@ -26,6 +26,8 @@ from instdrive_core.formats.web_page.scenes import WEB_PAGE
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.upright import Axis
 
+SKETCH_SPLATS = 600_000
+"""Splats of a sketch, which are read and drawn in a fraction of a second."""
 FORMATS: tuple[Format, ...] = (
     INRIA_PLY,
     SIBR_PLY,
@@ -86,6 +88,20 @@ def open_scene(
     if keep_every > 1:
         enlarge_splats(scene.gaussians.log_scales, keep_every)
     return scene
+
+
+def sketch_scene(path: Path, most: int = SKETCH_SPLATS) -> Scene | None:
+    """Read a sparse sketch of a whole scene, of about `most` splats, before the scene itself is opened.
+
+    None where the format has none, or where the scene is damaged or too small for one: who opens it finds out.
+    """
+    try:
+        fmt = find_format(path) if path.exists() else None
+        if fmt is None or fmt.sketch is None:
+            return None
+        return fmt.sketch(require_plain_file(path), most)
+    except (DataError, OSError):
+        return None
 
 
 def save_scene(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:

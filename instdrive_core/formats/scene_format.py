@@ -22,6 +22,17 @@ class SceneReader(Protocol):
     def __call__(self, path: Path, /, *, options: ReadOptions = WHOLE) -> Scene: ...
 
 
+@runtime_checkable
+class SceneSketcher(Protocol):
+    """Reads about `most` splats from all over a scene, made larger or coarse, in a small part of the time of all.
+
+    Returns None where that is not possible, or no gain. Raises DataError, OSError; whoever reads the whole scene says
+    what is wrong with it.
+    """
+
+    def __call__(self, path: Path, /, most: int) -> Scene | None: ...
+
+
 def allow_no_error(means: Float[ndarray, "n 3"]) -> float:
     """Position error of formats that keep positions bit by bit."""
     return 0.0
@@ -84,6 +95,8 @@ class Format:
     """None for formats of single files."""
     keeps_tracks: bool = False
     """Whether what moves keeps its track; other formats hold one moment."""
+    sketch: SceneSketcher | None = None
+    """Reads a sparse sketch of the whole scene; None where nothing is known before all is read."""
     in_world_of_photos: bool = False
     """Whether other trainers write it, in the world of the files that they read the cameras from; scenes of this
     program are in the world of its clips, which is upright and in metres."""

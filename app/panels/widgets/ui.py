@@ -59,6 +59,8 @@ class Ui:
 
     session: EditorSession
     view: LiveView
+    sketch_view: LiveView
+    """Shows the sketch of a scene that is being opened."""
     tools: dict[str, Tool]
     """By the names that `EditorState.tool` takes."""
     fonts: Fonts

@@ -22,6 +22,7 @@ from instdrive_app.render.software.merged_splats import MergedSplats
 from instdrive_app.render.software.picture import add_outlines, paint_color, paint_depth, paint_ids, paint_safe_ids
 from instdrive_app.render.software.placed_splats import PlacedSplats
 from instdrive_app.render.software.scene import SceneState
+from instdrive_app.render.software.sparse_splats import LEAST, SparseSplats
 from instdrive_app.render.software.thread import Superseded
 from instdrive_app.state import ID_ALPHA_CUT, SPLAT_MODES, FrameSnapshot, ViewMode
 from instdrive_core.maths.workspace import Workspace
@@ -85,6 +86,7 @@ class SoftwareDraw:
         self._key: object = None
         self._budget = 2 * FEWEST_SPLATS
         self._merged: MergedSplats | None = None
+        self._sparse: SparseSplats | None = None
         self._depth_range: tuple[object, tuple[float, float]] = (None, (1.0, 100.0))
 
     def __call__(self, request: FrameRequest, newer: Callable[[], FrameRequest | None] = lambda: None) -> DrawnFrame:
@@ -105,14 +107,16 @@ class SoftwareDraw:
         seconds = None
         if key != self._key:
             self._key = None  # the kept frame is overwritten, perhaps only in part
-            if merged is None or not self._blend_merged(merged, placed, camera, snapshot):
+            if merged is None and _is_sparse(placed, snapshot):
+                self._blend_sparse(placed, camera, snapshot)
+            elif merged is None or not self._blend_merged(merged, placed, camera, snapshot):
                 self._blend(placed, camera, snapshot, lambda: _check(request, newer))
             self._key, seconds = key, time.perf_counter() - started
             if seconds > DRAFT_SECONDS:
                 self._start_merging(placed)
             if merged is not None and snapshot.draft:
                 merged.adapt(seconds / MERGED_SECONDS)
-            elif snapshot.draft:
+            elif snapshot.draft and not _is_sparse(placed, snapshot):
                 self._adapt(seconds, len(placed.means))
         picture = self._compose(request.state, snapshot, camera)
         return DrawnFrame(request, picture, self._winner, self._depth_range[1], seconds)
@@ -127,7 +131,7 @@ class SoftwareDraw:
         placed = self._placed
         if placed is None or placed.state.rows_version != state.rows_version:
             placed = self._placed = PlacedSplats(state, moment)
-            self._merged = None
+            self._merged = self._sparse = None
         placed.update(state, moment)
         return placed
 
@@ -180,6 +184,15 @@ class SoftwareDraw:
         self._winner = np.append(cut.rows, np.int32(-1))[self._winner]
         return True
 
+    def _blend_sparse(self, placed: PlacedSplats, camera: Camera, snapshot: FrameSnapshot) -> None:
+        """Draw a draft of a large scene whose levels of detail are still being built."""
+        settings = RasterSettings(antialiased=placed.state.antialiased)
+        if self._sparse is None or not self._sparse.is_of(placed):
+            self._sparse = SparseSplats(placed)
+        found = self._sparse.project(camera, _build_color_source(placed), settings, self._workspace)
+        self._finish(found, placed, camera, snapshot, settings)
+        self._winner = np.append(self._sparse.rows, np.int32(-1))[self._winner]
+
     def _finish(
         self,
         found: ProjectedSplats,
@@ -228,6 +241,11 @@ class SoftwareDraw:
         if self._depth_range[0] != key:
             self._depth_range = (key, _compute_depth_range(placed.means, camera))
         return self._depth_range[1]
+
+
+def _is_sparse(placed: PlacedSplats, snapshot: FrameSnapshot) -> bool:
+    """Whether a draft without levels of detail shows every k-th splat."""
+    return snapshot.draft and snapshot.view_mode not in SPLAT_MODES and len(placed.means) > LEAST
 
 
 def _choose_camera(snapshot: FrameSnapshot, factor: int) -> Camera:

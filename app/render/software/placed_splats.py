@@ -29,9 +29,10 @@ class PlacedSplats:
     def __init__(self, state: SceneState, time: float) -> None:
         """Place all splats, in tens of milliseconds for a million; `update` touches only what has changed."""
         gaussians = state.gaussians
-        self.means = gaussians.means.copy()
-        """World positions (n, 3), metres."""
-        self.quats, self.log_scales = gaussians.quats.copy(), gaussians.log_scales.copy()
+        self._stored = tuple(to_kernel_array(a) for a in (gaussians.means, gaussians.quats, gaussians.log_scales))
+        self.means, self.quats, self.log_scales = self._stored
+        """World positions (n, 3), metres; rotations wxyz (n, 4); log scales (n, 3). The scene's own arrays until
+        something moves."""
         self.opacities = np.empty(len(gaussians), np.float32)
         """Opacities (n,) after recolouring; 0 for what is not drawn."""
         self.areas = np.empty(len(gaussians), np.float32)
@@ -42,7 +43,7 @@ class PlacedSplats:
         self._base_opacities = to_kernel_array(sigmoid(gaussians.opacity_logits))
         self._frame_of: dict[tuple[int, int], int] = {(0, 0): 0}
         self._table = _build_frame_table(list(self._frame_of), state, time)
-        self._place(np.arange(len(gaussians)), state)
+        self._place(np.arange(len(gaussians)))
         moved = np.flatnonzero((state.nodes > 0) | (state.move_entries > 0))
         self._move(moved, state, time)
         self._set_opacities(state)
@@ -72,7 +73,7 @@ class PlacedSplats:
     ) -> None:
         """Place Gaussians that are not rows of the scene, in place: out of their frames into the world."""
         rows, arrays = np.flatnonzero(frames), (means, quats, log_scales)
-        _place_rows(rows, frames, self._table, arrays, (*arrays, np.empty(len(frames), np.float32)))
+        _place_rows(rows, frames, self._table, arrays, (*arrays, np.empty(len(frames), np.float32)), False)
 
     def update(self, state: SceneState, time: float) -> None:
         """Bring everything to another state with the same rows, and to a time (seconds)."""
@@ -109,14 +110,14 @@ class PlacedSplats:
             elsewhere = shifted[self.frames]
             elsewhere[renamed] = True
             rows = np.flatnonzero(elsewhere)
-        self._place(rows, state)
+        self._place(rows)
         return len(rows) > 0
 
-    def _place(self, rows: Int64[ndarray, " k"], state: SceneState) -> None:
-        gaussians = state.gaussians
-        stored = tuple(to_kernel_array(a) for a in (gaussians.means, gaussians.quats, gaussians.log_scales))
+    def _place(self, rows: Int64[ndarray, " k"]) -> None:
+        if self.means is self._stored[0] and self.frames[rows].any():
+            self.means, self.quats, self.log_scales = (array.copy() for array in self._stored)
         shown = (self.means, self.quats, self.log_scales, self.areas)
-        _place_rows(rows, self.frames, self._table, stored, shown)
+        _place_rows(rows, self.frames, self._table, self._stored, shown, self.means is self._stored[0])
 
     def _set_opacities(self, state: SceneState) -> None:
         exists, alphas = self._table[:, _EXISTS] > 0, to_kernel_array(state.color_values[:, 12])
@@ -143,10 +144,10 @@ def _build_frame_table(pairs: list[tuple[int, int]], state: SceneState, time: fl
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-def _place_rows(rows, frames, table, stored, shown):
+def _place_rows(rows, frames, table, stored, shown, is_unmoved):
     """Compute x → s R x + t, rotate quaternions and scale standard deviations; what never moved keeps its bits.
 
-    `shown` may begin with the arrays of `stored`.
+    `shown` may begin with the arrays of `stored`. Where all is unmoved, only areas are written.
     """
     means, quats, log_scales = stored
     for k in numba.prange(len(rows)):
@@ -155,6 +156,8 @@ def _place_rows(rows, frames, table, stored, shown):
         scale, growth = table[f, _SCALE], np.log(table[f, _SCALE])
         s0, s1, s2 = log_scales[i, 0] + growth, log_scales[i, 1] + growth, log_scales[i, 2] + growth
         shown[3][i] = np.exp(s0 + s1 + s2 - min(s0, s1, s2))
+        if is_unmoved:
+            continue
         for axis in range(3):
             shown[2][i, axis] = log_scales[i, axis] + growth
             shown[0][i, axis] = means[i, axis]

@@ -13,6 +13,7 @@ from instdrive_app.session.context import SessionContext
 from instdrive_app.session.files.autosave import Autosave
 from instdrive_app.session.files.opening import OpenedDocument, open_for_editing, recover_for_editing
 from instdrive_app.session.files.recents import RecentFiles
+from instdrive_app.session.files.sketches import OpeningScene
 from instdrive_app.session.requests import (
     AskChangedScene,
     AskOtherSave,
@@ -44,11 +45,14 @@ class DocumentFiles:
         show: Callable[[OpenedDocument], None],
         store_more: Callable[[], dict[str, Any]] = dict,
         get_more_version: Callable[[], int] = int,
+        show_sketch: Callable[[OpeningScene, Document], None] = lambda opening, sketch: None,
     ) -> None:
         """`show` gets each document that was opened; `store_more` gives what a project keeps beside the view.
 
-        `get_more_version` gives a number that rises whenever the user has changed that.
+        `get_more_version` gives a number that rises whenever the user has changed that. `show_sketch` gets sketches of
+        large scenes on the thread that opens them.
         """
+        self._show_sketch = show_sketch
         self._get_more_version, self._saved_more = get_more_version, 0
         self._store_more = store_more
         self._context, self._jobs, self._messages, self._show = context, context.jobs, context.messages, show
@@ -110,10 +114,13 @@ class DocumentFiles:
                 return True
             return self._ask_about_change(error, lambda: self.open(path, accept_changed=True))
 
-        def work() -> OpenedDocument:
-            return open_for_editing(path, accept_changed, keep_every)
+        opening = OpeningScene(path)
 
-        self._jobs.submit(phrase("Opening {name}", name=path.name), work, self._show, on_failure=handle_failure)
+        def work() -> OpenedDocument:
+            return open_for_editing(path, accept_changed, keep_every, partial(self._show_sketch, opening))
+
+        title = phrase("Opening {name}", name=path.name)
+        opening.job = self._jobs.submit(title, work, self._show, on_failure=handle_failure)
 
     def offer_recovery(self) -> None:
         """Look for the work of editors that ended without saving, and offer it; the answer may come frames later."""

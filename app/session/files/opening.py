@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,20 @@ import numpy as np
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import say_ordinal
+from instdrive_core.formats.registry import sketch_scene
 from instdrive_core.progress import report, report_span
+from instdrive_core.project.cameras_beside import attach_cameras_beside
 from instdrive_core.project.open import open_document, open_project
 from instdrive_core.project.recoverable import RecoverableSession, RestoredSession, restore_session
 from instdrive_core.project.save import is_project
 from instdrive_core.project.sources import get_sources
 from instdrive_core.rasterize.sky_evidence import fill_scene_sky
 from instdrive_core.scene.lint import Defect, find_defects
+from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import phrase
+
+MOST_LINTED = 2_000_000
+"""Splats up to which defects are looked for before a scene is shown: 0.3 s per million."""
 
 
 @dataclass(frozen=True)
@@ -30,19 +37,43 @@ class OpenedDocument:
     """The user's view when the project was saved."""
     notes: tuple[str, ...] = ()
     """What the user should know about the project."""
-    defects: tuple[Defect, ...] = ()
-    """What is wrong with the scene's splats."""
+    defects: tuple[Defect, ...] | None = ()
+    """What is wrong with the scene's splats; None where that is still to be found, as it takes seconds."""
     restored: RestoredSession | None = None
     """The recovered work, where the document comes from an editor that ended without saving."""
 
 
-def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int = 1) -> OpenedDocument:
+def sketch_document(path: Path) -> Document | None:
+    """Make a document, only to be looked at, of the sparse sketch of a large scene; None where there is none."""
+    scene = sketch_scene(path)
+    if scene is None:
+        return None
+    attach_cameras_beside(scene, path)
+    return Document(scene)
+
+
+def open_for_editing(
+    path: Path,
+    accept_changed: bool = False,
+    keep_every: int = 1,
+    show_sketch: Callable[[Document], None] | None = None,
+) -> OpenedDocument:
     """Open a scene file, a run folder or a project, and look for defective splats.
 
-    `accept_changed` opens a project also where its scene is no longer the one that was edited, `keep_every` = k every
-    k-th splat of a scene. Raises DataError; SceneChangedError where the scene of a project has changed,
-    SceneTooLargeError where it does not fit into memory.
+    Args:
+        path: what to open.
+        accept_changed: open a project also where its scene is no longer the one that was edited.
+        keep_every: k opens every k-th splat of a scene.
+        show_sketch: gets a sketch of a large scene, to be looked at while the whole is read.
+
+    Raises DataError; SceneChangedError where the scene of a project has changed, SceneTooLargeError where it does not
+    fit into memory.
     """
+    report(0.0)
+    if show_sketch is not None and not is_project(path):
+        sketch = sketch_document(path)
+        if sketch is not None:
+            show_sketch(sketch)
     notes: tuple[str, ...] = ()
     with report_span(0.0, 0.9):
         if is_project(path):
@@ -62,9 +93,15 @@ def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int =
             notes = (*notes, note) if note else notes
     fill_document_sky(document)
     document.count_states()  # builds the index of instances here, so that the first click finds it built
+    document.keep_instance_ids()  # as the first deletion needs them
     report(0.95)
-    defects = tuple(defect for defect in find_defects(document.scene) if len(defect.rows))
+    defects = list_defects(document.scene) if len(document.scene) <= MOST_LINTED else None
     return OpenedDocument(document, path, view, notes, defects)
+
+
+def list_defects(scene: Scene) -> tuple[Defect, ...]:
+    """List the defects of single splats."""
+    return tuple(defect for defect in find_defects(scene) if len(defect.rows))
 
 
 def fill_document_sky(document: Document) -> None:

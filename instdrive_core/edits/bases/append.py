@@ -13,6 +13,7 @@ from instdrive_core.edits.bases.relabel import add_entries, restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.entries import add_changed_entries
+from instdrive_core.edits.document.frozen_copy import freeze_colored
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.errors import EditError
@@ -50,6 +51,10 @@ class _Ready:
     key: tuple[DocumentVersions, int, int]
     addition: Addition
     grown: dict[str, ndarray]
+    counted: tuple[Instance, ...] | None
+    """The new instances as the table will have them; None where they are not counted yet."""
+    rehearsal: Document | None = None
+    """A copy in which it was done, which knows the rows of all instances; None where undo kept this."""
 
 
 def _make_key(document: Document) -> tuple[DocumentVersions, int, int]:
@@ -65,6 +70,7 @@ class AppendEdit(Edit):
     _actors_before: tuple[Track, ...] = field(default=(), init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
+    _counted: tuple[Instance, ...] = field(default=(), init=False, repr=False, compare=False)
     _ready: _Ready | None = field(default=None, init=False, repr=False, compare=False)
     _parts: tuple[ndarray, ndarray, tuple[Instance, ...], tuple[Track, ...]] | None = field(
         default=None, init=False, repr=False, compare=False
@@ -85,14 +91,18 @@ class AppendEdit(Edit):
         """Metres in the world by which everything added is moved."""
 
     def prepare(self, document: Document) -> None:
-        """Copy what will be added: doing it is then quick, as long as the document does not change in between.
+        """Copy and count what will be added: doing it is then quick, as long as the document does not change meanwhile.
 
         It only reads the document, so another thread may do it while nothing is edited. Raises EditError where the
         edit does not fit.
         """
         added = self.build_addition(document)
         grown = document.grow_gaussians(added.scene)
-        self._ready = _Ready(document, _make_key(document), added, grown)
+        rehearsal = freeze_colored(document)
+        self._ready = _Ready(rehearsal, _make_key(rehearsal), added, grown, None)
+        self.do(rehearsal)
+        rehearsal.count_states()  # builds the index of instances
+        self._ready = _Ready(document, _make_key(document), added, grown, self._counted, rehearsal)
 
     def do(self, document: Document) -> bool:
         """Append rows, tracks and entries of the table."""
@@ -114,7 +124,9 @@ class AppendEdit(Edit):
             self._shift_rows(document, still)
         self._entries = tuple(entry.id for entry in added.entries)
         self._parts = added.colors, added.transforms, added.entries, added.tracks
-        add_entries(document, added.entries)
+        self._counted = add_entries(document, added.entries, ready.counted if ready is not None else None)
+        if ready is not None and ready.rehearsal is not None:
+            document.adopt_instance_index(ready.rehearsal)
         return True
 
     def undo(self, document: Document) -> None:
@@ -135,7 +147,7 @@ class AppendEdit(Edit):
         document.first_free_id = self._free_before
         if self._parts is not None:
             buffers = document.find_gaussian_buffers()
-            self._ready = _Ready(document, _make_key(document), Addition(kept, *self._parts), buffers)
+            self._ready = _Ready(document, _make_key(document), Addition(kept, *self._parts), buffers, self._counted)
 
     def _shift_rows(self, document: Document, rows: ndarray) -> None:
         change = move_entry(np.c_[np.eye(3), np.array(self.shift)])

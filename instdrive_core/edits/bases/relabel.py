@@ -106,14 +106,22 @@ def recount_instances(document: Document, ids: Iterable[int]) -> None:
         table.set(Instance(entry.id, entry.name, node, entry.codeword, count, entry.class_name, box))
 
 
-def add_entries(document: Document, entries: Iterable[Instance]) -> None:
-    """Put new instances, whose rows are in the scene already, into the table and count them."""
-    entries = tuple(entries)
-    for entry in entries:
-        document.scene.table.set(entry)
+def add_entries(
+    document: Document, entries: Iterable[Instance], counted: tuple[Instance, ...] | None = None
+) -> tuple[Instance, ...]:
+    """Put new instances, whose rows are in the scene already, into the table and count them.
+
+    Returns their entries as they are counted, without those that have no rows. `counted`: these, where they are known.
+    """
+    entries, table = tuple(entries), document.scene.table
     document.first_free_id = max(document.first_free_id, max((entry.id for entry in entries), default=0) + 1)
+    for entry in entries if counted is None else counted:
+        table.set(entry)
     document.note_instances_changed(ids_changed=True)
+    if counted is not None:
+        return counted
     recount_instances(document, [entry.id for entry in entries])
+    return tuple(table[entry.id] for entry in entries if entry.id in table)
 
 
 def restore_entries(document: Document, entries: dict[int, Instance | None]) -> None:

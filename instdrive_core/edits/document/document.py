@@ -111,6 +111,7 @@ class Document:
         self._by_instance: RowIndex | None = None
         self._by_codeword: RowIndex | None = None
         self._counts: tuple[int, InstanceCounts] | None = None
+        self._kept_ids: tuple[tuple[int, int], UInt32[ndarray, " n"]] | None = None
 
     @property
     def versions(self) -> DocumentVersions:
@@ -124,6 +125,17 @@ class Document:
             self._table_version,
             self._surroundings_version,
         )
+
+    def keep_instance_ids(self) -> UInt32[ndarray, " n"]:
+        """Keep a copy of the instance IDs as they are now, the same one until they change; nobody may write to it."""
+        key = self._rows_version, self._table_version
+        if self._kept_ids is None or self._kept_ids[0] != key:
+            self._kept_ids = key, self.scene.instance_ids.copy()
+        return self._kept_ids[1]
+
+    def adopt_instance_index(self, other: Document) -> None:
+        """Take over the index of instances of a document with the same instance IDs, where it has been built."""
+        self._by_instance = other._by_instance
 
     def apply(self, edit: Edit, gesture: str | None = None) -> None:
         """Do an edit and push it on the history; one that changes nothing is not pushed.

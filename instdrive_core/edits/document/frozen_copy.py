@@ -8,19 +8,23 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.table import InstanceTable
 
 
-def freeze_document(document: Document) -> Document:
+def freeze_document(document: Document, keeps_ids: bool = False) -> Document:
     """A document of its own without history or colours that shares all arrays which edits never write.
 
     It costs a few bytes per splat. Splats that are taken away by undo and replaced by others later may change in it:
     `fingerprint` tells whether what was found out still holds.
+
+    Whoever `keeps_ids` does no edit in it that writes instance IDs: copies made in a row then share theirs, which take
+    most of the time.
     """
     document.run_deferred()
     scene = copy(document.scene)
     scene.gaussians = copy(document.scene.gaussians)
-    scene.instance_ids = document.scene.instance_ids.copy()
+    scene.instance_ids = document.keep_instance_ids() if keeps_ids else document.scene.instance_ids.copy()
     scene.table = InstanceTable(dict(document.scene.table.instances))
     scene.extra = dict(document.scene.extra)
     frozen = Document(scene, document.first_free_id)
+    frozen.adopt_instance_index(document)
     frozen.state.copy_from(document.state)
     frozen.transforms = deepcopy(document.transforms)
     frozen.set_first_tracks(document.first_tracks)

@@ -29,6 +29,7 @@ from instdrive_core.formats.ply.columns import (
 from instdrive_core.formats.ply.comments import build_comments, parse_comments
 from instdrive_core.formats.ply.compressed import read_compressed_ply
 from instdrive_core.formats.ply.compressed_layout import PACKED
+from instdrive_core.formats.ply.row_scatter import can_scatter, scatter_rows
 from instdrive_core.formats.ply.start_view import build_view_comments, read_sky_picture, write_sky_picture
 from instdrive_core.formats.ply.street_elements import is_street_ply, read_street_ply
 from instdrive_core.instances.table import build_instance_table
@@ -61,6 +62,9 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
         known = view_columns(gaussians) | view_features(gaussians) | ids
         extra = {name: np.empty(count, header.dtype[name].newbyteorder("=")) for name in names if name not in known}
         targets = known | extra
+        if options.keep_every == 1 and can_scatter(header):
+            scatter_rows(path, header, gaussians, ids, extra)
+            return assemble_ply_scene(gaussians, ids, extra, header, path)
         start = 0
         for chunk in read_ply_chunks(file, header, path):
             source, target = options.locate_rows(start, start + len(chunk))
@@ -70,7 +74,7 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
                 targets[name][target] = chunk[name][source]
             start += len(chunk)
             report(start / header.count)
-    return _assemble_scene(gaussians, ids, extra, header, path)
+    return assemble_ply_scene(gaussians, ids, extra, header, path)
 
 
 def write_ply(path: str | Path, scene: Scene) -> None:
@@ -121,9 +125,13 @@ def _find_unknown_columns(names: tuple[str, ...], rest: int, features: int) -> s
     return set(names) - view_columns(one).keys() - view_features(one).keys() - ID_LIMITS.keys()
 
 
-def _assemble_scene(
+def assemble_ply_scene(
     gaussians: Gaussians, ids: dict[str, ndarray], extra: dict[str, ndarray], header: PlyHeader, path: Path
 ) -> Scene:
+    """Make a scene of a file's columns (n,) and comments; `ids` are the instance IDs and codewords, `extra` is kept.
+
+    Raises DataError where a comment or the sky beside the file is damaged.
+    """
     # INRIA writes zero normals that nobody reads; only real ones are worth their memory.
     if not any(extra[name].any() for name in NORMALS if name in extra):
         extra = {name: column for name, column in extra.items() if name not in NORMALS}

@@ -11,6 +11,7 @@ from instdrive_core.formats.ply.compressed import read_compressed_ply, write_com
 from instdrive_core.formats.ply.compressed_layout import CHUNK
 from instdrive_core.formats.ply.inria import read_ply, write_ply
 from instdrive_core.formats.ply.sibr import write_sibr_ply
+from instdrive_core.formats.ply.sketch import sketch_ply
 from instdrive_core.formats.scene_format import Fidelity, Format
 from instdrive_core.formats.spatial_order import sort_spatially
 
@@ -39,6 +40,7 @@ INRIA_PLY = Format(
     read_ply,
     write_ply,
     Fidelity(is_exact=True, find_change=find_changed_value),
+    sketch=sketch_ply,
 )
 SIBR_PLY = Format(
     "INRIA layout for SIBR viewers",
@@ -46,6 +48,7 @@ SIBR_PLY = Format(
     read_ply,
     write_sibr_ply,
     Fidelity(is_exact=True, keeps_instances=False),
+    sketch=sketch_ply,
 )
 COMPRESSED_PLY = Format(
     "Packed .ply of SuperSplat and PlayCanvas",

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from instdrive_core.errors import DataError
+from instdrive_core.files.reader_pool import READERS, open_reader_pool
 from instdrive_core.formats.allocation import (
     BESIDE_BYTES,
     MEMORY_TO_READ,
@@ -26,9 +27,11 @@ from instdrive_core.formats.allocation import (
 )
 from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.sog.meta import SogMeta, parse_sog_meta
-from instdrive_core.formats.sog.scenes import META, PASSING, read_sog_gaussians, read_sog_meta_scene
+from instdrive_core.formats.sog.scenes import META, PASSING, count_rest, read_sog_gaussians, read_sog_meta_scene
 from instdrive_core.formats.sog.store import REMEDY, FolderStore, check_member_name
-from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
+from instdrive_core.progress import report
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.row_buffers import allocate_with_spare
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
 LOD_META = "lod-meta.json"
@@ -72,8 +75,7 @@ def read_sog_folder(path: str | Path, level: int = 0, options: ReadOptions = WHO
     sources = [(chunks[key], META) for key in sorted(chunks) if key[0] == chosen]
     if len(sources) == 1:
         return read_sog_meta_scene(FolderStore(sources[0][0]), META, options)
-    metas = _read_metas(sources, folder)
-    return _join([_keep_every(chunk, options) for chunk in _open_chunks(sources, metas, folder, options)], metas)
+    return _read_chunks(sources, folder, options)
 
 
 def read_sog_levels(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
@@ -82,6 +84,22 @@ def read_sog_levels(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     if path.is_dir():
         return _read_streamed(path, 0, options)
     return _read_streamed(path.parent, 0, options, path.name)
+
+
+def sketch_sog_levels(path: Path, most: int) -> Scene | None:
+    """Read the finest level of a streamed scene that has at most twice `most` splats, else the coarsest.
+
+    None where that is more than a quarter of the scene, or the scene is that small. Raises DataError.
+    """
+    folder, name = (path, LOD_META) if path.is_dir() else (path.parent, path.name)
+    tree = FolderStore(folder).read_json(name).get("tree")
+    numbers = sorted({number for levels in _walk_levels(tree, folder) for number in levels})
+    counts = {number: sum(part.count for part in _collect_parts(tree, number, folder)) for number in numbers}
+    whole = counts.get(min(numbers, default=0), 0)
+    level = next((number for number in numbers if counts[number] <= 2 * most), max(numbers, default=0))
+    if whole < 2 * most or 4 * counts[level] > whole:
+        return None
+    return _read_streamed(folder, level, WHOLE, name)
 
 
 def _find_chunk_folders(folder: Path) -> dict[tuple[int, int], Path]:
@@ -113,12 +131,7 @@ def _read_streamed(folder: Path, level: int, options: ReadOptions, name: str = L
     used = [names[number] for number in parts]
     if content.get("environment") is not None:
         used.append(content["environment"])
-    shown = [sum(part.count for part in rows) for rows in parts.values()]
-    sources = [_find_source(folder, name) for name in used]
-    metas = _read_metas(sources, folder)
-    chunks = _open_chunks(sources, metas, folder, options, shown)
-    kept = [_keep_every(_select_parts(chunk, rows, folder), options) for rows, chunk in zip(parts.values(), chunks)]  # noqa: B905
-    return _join([*kept, *(_keep_every(chunk, options) for chunk in chunks)], metas)
+    return _read_chunks([_find_source(folder, name) for name in used], folder, options, list(parts.values()))
 
 
 def _keep_every(chunk: Gaussians, options: ReadOptions) -> Gaussians:
@@ -138,35 +151,62 @@ def _read_metas(sources: list[tuple[Path, str]], folder: Path) -> list[SogMeta]:
     return [parse_sog_meta(FolderStore(place).read_json(name), place) for place, name in sources]
 
 
-def _open_chunks(
-    sources: list[tuple[Path, str]],
-    metas: list[SogMeta],
-    folder: Path,
-    options: ReadOptions,
-    shown: Sequence[int] = (),
-) -> Iterator[Gaussians]:
-    """Open each chunk in turn, whole, while all of them together can be believed and fit into memory.
+def _read_chunks(
+    sources: list[tuple[Path, str]], folder: Path, options: ReadOptions, shown: Sequence[list[_Part]] = ()
+) -> Scene:
+    """Read chunks, some at a time and each whole, into one scene, if together they can be believed and fit into memory.
 
-    `shown` is how many rows of the first chunks will be kept; of the others, all.
+    `shown` is what is kept of the first chunks; of the others, all. SH degrees are raised to the highest, as some
+    chunks have none.
     """
-    rest = max((meta.palette.rest or 0 for meta in metas if meta.palette is not None), default=0)
+    metas = _read_metas(sources, folder)
+    stores = [FolderStore(place) for place, _ in sources]
+    rest = max((count_rest(store, meta) for store, meta in zip(stores, metas, strict=True)), default=0)
     largest = max((meta.count for meta in metas), default=0)
-    # Chunks are read whole, and joined by a copy.
-    passing = largest * (MEMORY_TO_READ * count_row_bytes(rest, 0) + BESIDE_BYTES + PASSING)
-    count = sum(shown) + sum(meta.count for meta in metas[len(shown) :])
-    check_memory(folder, count, 2 * count_row_bytes(rest, 0), options, passing)
+    passing = READERS * largest * (MEMORY_TO_READ * count_row_bytes(rest, 0) + BESIDE_BYTES + PASSING)
+    counts = [sum(part.count for part in rows) for rows in shown] + [meta.count for meta in metas[len(shown) :]]
+    check_memory(folder, sum(counts), count_row_bytes(rest, 0), options, passing)
+    ends = np.cumsum([options.count_kept(count) for count in counts]).tolist()
+    shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (0,)]
+    joined = Gaussians(*(allocate_with_spare((ends[-1], *shape), np.float32) for shape in shapes))
+
+    def read_chunk(number: int) -> tuple[int, int]:
+        chunk = read_sog_gaussians(stores[number], metas[number])
+        count = len(chunk)
+        if number < len(shown):
+            chunk = _select_parts(chunk, shown[number], folder)
+        chunk = _keep_every(chunk, options)
+        _write_rows(chunk, joined, slice(ends[number] - len(chunk), ends[number]))
+        return count, stores[number].size
+
     count = size = 0
-    for (place, _), meta in zip(sources, metas, strict=True):
-        store = FolderStore(place)
-        chunk = read_sog_gaussians(store, meta)
-        count, size = count + len(chunk), size + store.size
-        check_plausible_count(folder, count, size)
-        yield chunk
+    with open_reader_pool() as pool:
+        for number, (more, larger) in enumerate(pool.map(read_chunk, range(len(sources)))):
+            count, size = count + more, size + larger
+            check_plausible_count(folder, count, size)
+            report((number + 1) / len(sources))
+    return replace(scene_from_gaussians(joined), antialiased=all(meta.antialiased for meta in metas))
+
+
+def _write_rows(chunk: Gaussians, joined: Gaussians, rows: slice) -> None:
+    rest = chunk.sh_rest.shape[1]
+    for name, array in chunk.arrays().items():
+        target = getattr(joined, name)[rows]
+        if name == "sh_rest":
+            target[:, rest:] = 0
+            target = target[:, :rest]
+        target[...] = array
 
 
 def _collect_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
-    """Collect what the leaves show at a level. Not recursive: a hostile tree is as deep as it likes."""
-    pending, parts, visited = [tree], [], 0
+    """Collect what the leaves show at a level."""
+    parts = [_parse_part(levels[_choose_level(level, set(levels))], folder) for levels in _walk_levels(tree, folder)]
+    return [part for part in parts if part.count]
+
+
+def _walk_levels(tree: Any, folder: Path) -> Iterator[dict[int, Any]]:
+    """Walk through the leaves: what each shows, by level. Not recursive: a hostile tree is as deep as it likes."""
+    pending, visited = [tree], 0
     while pending:
         node = pending.pop()
         visited += 1
@@ -176,10 +216,9 @@ def _collect_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
         if not isinstance(children, list) or not isinstance(levels, dict):
             raise DataError(folder, f"a node of {LOD_META} has 'children' or 'lods' of the wrong kind", REMEDY)
         pending += children
-        numbers = {int(key) for key in levels if key.isascii() and key.isdigit() and len(key) < 7}
-        if numbers:
-            parts.append(_parse_part(levels.get(str(_choose_level(level, numbers))), folder))
-    return [part for part in parts if part.count]
+        named = {int(key): entry for key, entry in levels.items() if key.isascii() and key.isdigit() and len(key) < 7}
+        if named:
+            yield named
 
 
 def _parse_part(entry: Any, folder: Path) -> _Part:
@@ -201,13 +240,3 @@ def _select_parts(chunk: Gaussians, parts: list[_Part], folder: Path) -> Gaussia
     if sum(part.count for part in parts) == len(chunk):
         return chunk
     return chunk.select(np.concatenate([np.arange(part.start, part.start + part.count) for part in parts]))
-
-
-def _join(parts: list[Gaussians], metas: list[SogMeta]) -> Scene:
-    """Join chunks one after the other. SH degrees are raised to the highest, as some chunks have none."""
-    rest = max(part.sh_rest.shape[1] for part in parts)
-    for part in parts:
-        missing = rest - part.sh_rest.shape[1]
-        part.sh_rest = np.pad(part.sh_rest, ((0, 0), (0, missing), (0, 0)))
-    joined = concatenate_gaussians(parts) if len(parts) > 1 else parts[0]
-    return replace(scene_from_gaussians(joined), antialiased=all(meta.antialiased for meta in metas))

@@ -6,7 +6,13 @@ from pathlib import Path
 
 from instdrive_core.formats.scene_format import Fidelity, FolderLayout, Format
 from instdrive_core.formats.sog.level_writing import order_for_levels, write_sog_levels
-from instdrive_core.formats.sog.levels import LOD_META, is_sog_folder, read_sog_folder, read_sog_levels
+from instdrive_core.formats.sog.levels import (
+    LOD_META,
+    is_sog_folder,
+    read_sog_folder,
+    read_sog_levels,
+    sketch_sog_levels,
+)
 from instdrive_core.formats.sog.scenes import META, read_sog
 from instdrive_core.formats.sog.writing import bound_position_error, order_for_sog, write_sog, write_sog_folder
 
@@ -42,6 +48,7 @@ SOG_LEVELS = Format(
     write_sog_levels,
     _LEVEL_FIDELITY,
     folder=FolderLayout(_holds_levels, _list_level_files, last_file=LOD_META),
+    sketch=sketch_sog_levels,
 )
 SOG_FOLDER = Format(
     "PlayCanvas SOG folder",

@@ -80,6 +80,13 @@ def read_sog_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE
     return gaussians
 
 
+def count_rest(store: Store, meta: SogMeta) -> int:
+    """Count the SH coefficients above the constant that a meta.json's splats have. Raises DataError."""
+    if meta.palette is None:
+        return 0
+    return meta.palette.rest or _read_palette(meta.palette, store).shape[1]
+
+
 def _read_splat_pixels(store: Store, name: object, count: int, options: ReadOptions) -> UInt8[ndarray, "m 4"]:
     """Read the first `count` pixels and keep those asked for; images are rounded up to rows, or to powers of two."""
     pixels = store.read_pixels(name, count, 4 * count + 65536).reshape(-1, 4)[:count]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from random_scene import assert_same_scene, random_gaussians, random_scene
 
+from instdrive_core.edits.bases import relabel
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import fingerprint
 from instdrive_core.edits.kinds.color import RecolorInstances
@@ -14,6 +15,7 @@ from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import EditError
+from instdrive_core.instances.table import compute_middle_bounds
 from instdrive_core.scene.row_buffers import RowBuffers
 from instdrive_core.scene.scene import scene_from_gaussians
 
@@ -157,8 +159,13 @@ def test_what_was_copied_beforehand_is_only_put_in_place(monkeypatch):
     edit.prepare(document)
     monkeypatch.setattr(DuplicateInstances, "build_addition", None)
     monkeypatch.setattr(document, "grow_gaussians", None)
+    monkeypatch.setattr(relabel, "recount_instances", None)
     document.apply(edit)
-    assert document.scene.table[9].count == document.scene.table[2].count
+    monkeypatch.undo()
+    copied, copies = document.scene.table[9], document.find_rows((9,))
+    assert copied.count == document.scene.table[2].count == len(copies)
+    assert copied.bounds == compute_middle_bounds(document.compute_means(copies))
+    np.testing.assert_array_equal(copies, np.flatnonzero(document.scene.instance_ids == 9))
 
 
 def test_redo_takes_what_undo_has_kept_unless_something_was_written_there(monkeypatch):

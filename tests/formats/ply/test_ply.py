@@ -14,6 +14,7 @@ from random_scene import assert_same_scene, random_scene
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
 from instdrive_core.files.ply_header import MAX_COLUMNS
+from instdrive_core.formats.ply import inria, row_scatter
 from instdrive_core.formats.ply.inria import read_ply, write_ply
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
@@ -332,3 +333,49 @@ def test_damaged_files_open_or_explain_themselves(tmp_path, data):
     # Any other error, and any warning, fails.
     with contextlib.suppress(DataError):
         assert isinstance(read_ply(path), Scene)
+
+
+@pytest.fixture
+def threads_read_all(monkeypatch):
+    """Files of any size are read by threads, in several blocks."""
+    monkeypatch.setattr(row_scatter, "LEAST_ROWS", 1)
+    monkeypatch.setattr(row_scatter, "BLOCK_ROWS", 50)
+
+
+def test_threads_read_the_same(tmp_path, monkeypatch, threads_read_all):
+    scene = static_scene(seed=4, count=333)
+    columns = vertices(scene) | {"confidence": np.arange(333, dtype=np.float32)}
+    write_by_plyfile(tmp_path / "street.ply", dict(reversed(columns.items())))
+    by_threads = read_ply(tmp_path / "street.ply")
+    monkeypatch.setattr(row_scatter, "LEAST_ROWS", 1000)
+    assert_same_scene(by_threads, read_ply(tmp_path / "street.ply"))
+    np.testing.assert_array_equal(by_threads.gaussians.sh_rest, scene.gaussians.sh_rest)
+    np.testing.assert_array_equal(by_threads.extra["confidence"], columns["confidence"])
+
+
+def test_threads_tell_of_ids_that_are_none(tmp_path, threads_read_all):
+    columns = vertices(static_scene(seed=4, count=333))
+    columns["instance_id"] = columns["instance_id"].astype(np.float32)
+    columns["instance_id"][200] = 1.5
+    write_by_plyfile(tmp_path / "street.ply", columns)
+    with pytest.raises(DataError, match=r"column 'instance_id' holds 1\.5, not a whole number"):
+        read_ply(tmp_path / "street.ply")
+    columns["instance_id"] = np.full(333, 1 << 24, np.uint32)
+    write_by_plyfile(tmp_path / "street.ply", columns)
+    with pytest.raises(DataError, match="column 'instance_id' holds 16777216"):
+        read_ply(tmp_path / "street.ply")
+
+
+def test_threads_tell_where_a_file_breaks_off(tmp_path, monkeypatch, threads_read_all):
+    """It is cut while it is read: before that the header's count would have told."""
+    path = tmp_path / "street.ply"
+    write_by_plyfile(path, vertices(static_scene(seed=4, count=333)))
+    whole = path.read_bytes()
+
+    def cut(path, header, *arrays):
+        path.write_bytes(whole[: header.body_offset + 120 * header.dtype.itemsize])
+        row_scatter.scatter_rows(path, header, *arrays)
+
+    monkeypatch.setattr(inria, "scatter_rows", cut)
+    with pytest.raises(DataError, match="the file ends after 120 of 333 splats"):
+        read_ply(path)

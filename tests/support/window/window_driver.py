@@ -91,12 +91,16 @@ def start_editor(scene, folder, name):
 class WindowDriver:
     """One running editor on the present display."""
 
-    def __init__(self, scene, folder, size=(1280, 720), state=None, knows_first_steps=True, density=1):
-        """`density`: 2 for a display with two pixels of the screen for one of the window, in which all places are."""
+    def __init__(self, scene, folder, size=(1280, 720), state=None, knows_first_steps=True, density=1, program=None):
+        """`density`: 2 for a display with two pixels of the screen for one of the window, in which all places are.
+
+        `program`: name of a script beside this one that starts the editor in its own way.
+        """
         self._report = folder / "report.jsonl"
         self._errors = (folder / "stderr.txt").open("w+")
         self._density = density
-        start = ["-m", "instdrive_app.main"] if density == 1 else [str(Path(__file__).with_name("dense_editor.py"))]
+        program = "dense_editor.py" if density > 1 else program
+        start = ["-m", "instdrive_app.main"] if program is None else [str(Path(__file__).with_name(program))]
         command = [sys.executable, "-X", "faulthandler", *start, "edit", str(scene)]
         command += ["--report", str(self._report), "--size", str(size[0]), str(size[1]), "--no-remember-layout"]
         # Its own, unless another driver's is given: what that one left is offered to this one.

@@ -7,7 +7,7 @@ import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, ROAD
 
 from instdrive_app import camera
-from instdrive_app.render.software import merged_splats
+from instdrive_app.render.software import draw, merged_splats, sparse_splats
 from instdrive_app.render.software.draw import FrameRequest, SoftwareDraw
 from instdrive_app.render.software.merged_splats import MergedSplats
 from instdrive_app.render.software.placed_splats import PlacedSplats
@@ -131,3 +131,22 @@ def test_without_memory_drafts_go_on_without_levels_of_detail(pair):
     with assume_memory(1e5):
         plain, detailed = pair.draw()
     np.testing.assert_array_equal(plain.picture, detailed.picture)
+
+
+def test_until_levels_of_detail_are_there_drafts_of_large_scenes_show_some_splats_larger(pair, monkeypatch):
+    monkeypatch.setattr(draw, "LEAST", 100)
+    monkeypatch.setattr(sparse_splats, "MOST", -(-len(pair.document.scene) // 3))
+    pair.document.apply(RecolorInstances((BLUE_CAR,), "tint", (0.1, 0.9, 0.1)))
+    pair.document.apply(DeleteInstances((FIRST_CAR,)))
+    sparse, _ = pair.draw()  # what draws without levels of detail
+    rows = np.unique(sparse.winner[sparse.winner >= 0])
+    assert len(rows) > 100
+    assert (rows % 3 == 0).all(), "every third"
+    assert not np.isin(rows, pair.document.find_rows((FIRST_CAR,))).any()
+    monkeypatch.setattr(draw, "LEAST", 10**9)
+    pair.plain = SoftwareDraw(fewest=10**9)
+    plain, _ = pair.draw()
+    error = (plain.picture[..., :3].astype(float) - sparse.picture[..., :3]) / 255
+    assert 20 < -10 * np.log10((error**2).mean()) < 60
+    whole, shown = (np.mean(drawn.winner >= 0) for drawn in (plain, sparse))
+    assert abs(whole - shown) < 0.05, "no holes: two were left out of three"
