@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from weakref import ref
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32, Float64, Int
 from numpy import ndarray
 
 from instdrive_app import camera
@@ -15,7 +15,7 @@ from instdrive_app.session.context import SessionContext
 from instdrive_app.state import Viewpoint
 from instdrive_app.timeline import Timeline
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.ground_height import estimate_ground_height
+from instdrive_core.edits.queries.ground_height import estimate_ground_height, estimate_ground_heights
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity
@@ -27,6 +27,8 @@ CLEARANCE = 0.3
 """Metres above the ground that orbiting keeps …"""
 CLEARANCE_SHARE = 0.05
 """… or this share of the distance to the pivot where that is less."""
+MOST_BELOW = 400
+"""Splats that say how high the ground is below one of many places."""
 GROUND_RADII = (4.0, 8.0, 16.0, 40.0)
 """Metres around the camera within which the ground below it is looked for, in this order."""
 MIN_OPACITY_LOGIT = -2.0
@@ -150,6 +152,12 @@ class Navigation:
         if self._document is None:
             return None
         return estimate_ground_height(self._find_ground_points(), place, GROUND_RADII)
+
+    def find_ground_heights(self, places: Float[ndarray, "k 3"]) -> Float64[ndarray, " k"]:
+        """Find about the heights of the ground below many places; NaN where no ground is near."""
+        if self._document is None:
+            return np.full(len(places), np.nan)
+        return estimate_ground_heights(self._find_ground_points(), places, GROUND_RADII, MOST_BELOW)
 
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Leave the dataset camera and look from a viewpoint."""

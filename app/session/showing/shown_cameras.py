@@ -113,11 +113,10 @@ class ShownCameras:
         way = self.trace_way()
         if way is None:
             return None
-        heights = [self._navigation.find_ground_height(place) for place in way]
-        known = [number for number, height in enumerate(heights) if height is not None]
-        if known:
-            found = np.array([heights[number] for number in known], np.float64)
-            way[:, 2] = np.interp(np.arange(len(way)), known, found)
+        heights = self._navigation.find_ground_heights(way)
+        known = np.flatnonzero(~np.isnan(heights))
+        if len(known):
+            way[:, 2] = np.interp(np.arange(len(way)), known, heights[known])
         return way
 
 

@@ -21,21 +21,47 @@ _ROUNDS = 4
 
 
 def estimate_ground_height(
-    points: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], radii: tuple[float, ...] = RADII
+    points: Float32[ndarray, "n 3"],
+    place: Float[ndarray, "3"],
+    radii: tuple[float, ...] = RADII,
+    most: int = MAX_SPLATS,
 ) -> float | None:
     """Height (metres, z up) of the ground under `place`, among points that do not belong to what stands there.
 
     The ground is a plane through the lowest layer around: a tenth of the points may lie below it as floaters. None
-    where there are too few points within the largest of `radii` (metres, rising).
+    where there are too few points within the largest of `radii` (metres, rising). Of more than `most`, evenly chosen ones
+    are looked at.
     """
     offsets = points[:, :2] - np.asarray(place, np.float32)[:2]
     distances = np.einsum("ni,ni->n", offsets, offsets)
     for radius in radii:
         close = np.flatnonzero(distances < radius**2)
         if len(close) >= MIN_SPLATS:
-            close = close[:: -(-len(close) // MAX_SPLATS)]
+            close = close[:: -(-len(close) // most)]
             return _fit_height_at_zero(offsets[close].astype(np.float64), points[close, 2].astype(np.float64))
     return None
+
+
+def estimate_ground_heights(
+    points: Float32[ndarray, "n 3"],
+    places: Float[ndarray, "k 3"],
+    radii: tuple[float, ...] = RADII,
+    most: int = MAX_SPLATS,
+) -> Float64[ndarray, " k"]:
+    """Heights of the ground under many places, as `estimate_ground_height` finds each; NaN where there is none.
+
+    Each place looks at the points near it along x only: of a street, that is a small part.
+    """
+    order = np.argsort(points[:, 0], kind="stable")
+    along, heights = points[order, 0], np.full(len(places), np.nan)
+    for radius in radii:
+        first = np.searchsorted(along, (places[:, 0] - radius).astype(np.float32), "left")
+        last = np.searchsorted(along, (places[:, 0] + radius).astype(np.float32), "right")
+        for number in np.flatnonzero(np.isnan(heights) & (last - first >= MIN_SPLATS)).tolist():
+            near = np.sort(order[first[number] : last[number]])
+            height = estimate_ground_height(points[near], places[number], (radius,), most)
+            heights[number] = np.nan if height is None else height
+    return heights
 
 
 def _fit_height_at_zero(offsets: Float64[ndarray, "k 2"], heights: Float64[ndarray, " k"]) -> float:

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.ground_height import RADII, estimate_ground_height
+from instdrive_core.edits.queries.ground_height import RADII, estimate_ground_height, estimate_ground_heights
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.scene.lane import estimate_street_direction, estimate_travel_direction
@@ -102,20 +102,11 @@ def find_ground_along(document: Document, ids: Sequence[int], places: Float[ndar
 
     The splats are looked at once, however long the way is.
     """
-    heights = np.full(len(places), np.nan)
     if not len(places):
-        return heights
-    low, high, reach = places.min(axis=0), places.max(axis=0), RADII[-1]
-    around = _gather_background(document, ids, (low + high) / 2, float((high - low)[:2].max()) / 2 + reach)
-    order = np.argsort(around[:, 0], kind="stable")
-    along = around[order, 0]
-    first = np.searchsorted(along, (places[:, 0] - reach).astype(np.float32), "left")
-    last = np.searchsorted(along, (places[:, 0] + reach).astype(np.float32), "right")
-    for number in np.flatnonzero(last > first).tolist():
-        near = np.sort(order[first[number] : last[number]])
-        height = estimate_ground_height(around[near], places[number])
-        heights[number] = np.nan if height is None else height
-    return heights
+        return np.zeros(0)
+    low, high = places.min(axis=0), places.max(axis=0)
+    reach = float((high - low)[:2].max()) / 2 + RADII[-1]
+    return estimate_ground_heights(_gather_background(document, ids, (low + high) / 2, reach), places)
 
 
 def _gather_background(
