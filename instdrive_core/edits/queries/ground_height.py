@@ -29,8 +29,8 @@ def estimate_ground_height(
     """Height (metres, z up) of the ground under `place`, among points that do not belong to what stands there.
 
     The ground is a plane through the lowest layer around: a tenth of the points may lie below it as floaters. None
-    where there are too few points within the largest of `radii` (metres, rising). Of more than `most`, evenly chosen ones
-    are looked at.
+    where there are too few points within the largest of `radii` (metres, rising). Of more than `most`, evenly chosen
+    ones are looked at.
     """
     offsets = points[:, :2] - np.asarray(place, np.float32)[:2]
     distances = np.einsum("ni,ni->n", offsets, offsets)
