@@ -27,8 +27,6 @@ CLEARANCE = 0.3
 """Metres above the ground that orbiting keeps …"""
 CLEARANCE_SHARE = 0.05
 """… or this share of the distance to the pivot where that is less."""
-MOST_BELOW = 400
-"""Splats that say how high the ground is below one of many places."""
 GROUND_RADII = (4.0, 8.0, 16.0, 40.0)
 """Metres around the camera within which the ground below it is looked for, in this order."""
 MIN_OPACITY_LOGIT = -2.0
@@ -154,10 +152,10 @@ class Navigation:
         return estimate_ground_height(self._find_ground_points(), place, GROUND_RADII)
 
     def find_ground_heights(self, places: Float[ndarray, "k 3"]) -> Float64[ndarray, " k"]:
-        """Find about the heights of the ground below many places; NaN where no ground is near."""
+        """Find the heights of the ground below many places; NaN where no ground is near."""
         if self._document is None:
             return np.full(len(places), np.nan)
-        return estimate_ground_heights(self._find_ground_points(), places, GROUND_RADII, MOST_BELOW)
+        return estimate_ground_heights(self._find_ground_points(), places, GROUND_RADII)
 
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Leave the dataset camera and look from a viewpoint."""

@@ -24,7 +24,6 @@ from instdrive_app.panels.menus import draw_menus, run_shortcuts
 from instdrive_app.panels.registry import PANELS, PanelRecord
 from instdrive_app.panels.status import StatusBar
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
-from instdrive_app.panels.viewport import ViewportPanel
 from instdrive_app.panels.widgets.theme import apply_style, apply_theme, load_fonts
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.panels.window_menu import list_panel_actions
@@ -170,8 +169,8 @@ class EditorWindow:
         panel = record.create()
 
         def draw() -> None:
-            waits = self._session.sketches.shown is not None and not isinstance(panel, ViewportPanel)
-            imgui.begin_disabled(waits)  # what it lists is not what is looked at
+            # Meanwhile panels list another scene than the one that is looked at.
+            imgui.begin_disabled(self._session.sketches.shown is not None and not record.fills_window)
             panel.draw(self.ui)
             imgui.end_disabled()
 

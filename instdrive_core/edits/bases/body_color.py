@@ -86,6 +86,17 @@ def _compare_looks(rows, bounds, sh_dc, references, tolerance, near):
             near[place] = (u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2 <= tolerance**2
 
 
+@numba.njit(inline="always")
+def _find_commonest(totals, seen, first):
+    """Middle of the cell that weighs most with those around it; only cells that were seen count."""
+    best, x, y, z = -1.0, 0.0, 0.0, 0.0
+    for i, j, m in np.argwhere(seen):
+        around = totals[i - 1 : i + 2, j - 1 : j + 2, m - 1 : m + 2].sum()
+        if around > best:
+            best, x, y, z = around, i + first[0] + 0.5, j + first[1] + 0.5, m + first[2] + 0.5
+    return x * CELL, y * CELL, z * CELL
+
+
 @numba.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def _find_colors(rows, bounds, sh_dc, log_scales, opacity_logits, first, found):
     for part in numba.prange(len(bounds) - 1):
@@ -110,16 +121,7 @@ def _find_colors(rows, bounds, sh_dc, log_scales, opacity_logits, first, found):
                 cells[k, axis] = min(max(cell, 1), _CELLS - 2)
             totals[cells[k, 0], cells[k, 1], cells[k, 2]] += weights[k]
             seen[cells[k, 0], cells[k, 1], cells[k, 2]] = True
-        best, x, y, z = -1.0, 0.0, 0.0, 0.0
-        for i in range(1, _CELLS - 1):
-            for j in range(1, _CELLS - 1):
-                for m in range(1, _CELLS - 1):
-                    if seen[i, j, m]:
-                        around = totals[i - 1 : i + 2, j - 1 : j + 2, m - 1 : m + 2].sum()
-                        if around > best:
-                            best = around
-                            x, y, z = i + first[0] + 0.5, j + first[1] + 0.5, m + first[2] + 0.5
-        x, y, z = x * CELL, y * CELL, z * CELL
+        x, y, z = _find_commonest(totals, seen, first)
         for _ in range(REFINEMENTS):
             total, u, v, w, red, green, blue = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(count):

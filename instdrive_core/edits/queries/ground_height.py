@@ -24,20 +24,18 @@ def estimate_ground_height(
     points: Float32[ndarray, "n 3"],
     place: Float[ndarray, "3"],
     radii: tuple[float, ...] = RADII,
-    most: int = MAX_SPLATS,
 ) -> float | None:
     """Height (metres, z up) of the ground under `place`, among points that do not belong to what stands there.
 
     The ground is a plane through the lowest layer around: a tenth of the points may lie below it as floaters. None
-    where there are too few points within the largest of `radii` (metres, rising). Of more than `most`, evenly chosen
-    ones are looked at.
+    where there are too few points within the largest of `radii` (metres, rising).
     """
     offsets = points[:, :2] - np.asarray(place, np.float32)[:2]
     distances = np.einsum("ni,ni->n", offsets, offsets)
     for radius in radii:
         close = np.flatnonzero(distances < radius**2)
         if len(close) >= MIN_SPLATS:
-            close = close[:: -(-len(close) // most)]
+            close = close[:: -(-len(close) // MAX_SPLATS)]
             return _fit_height_at_zero(offsets[close].astype(np.float64), points[close, 2].astype(np.float64))
     return None
 
@@ -46,7 +44,6 @@ def estimate_ground_heights(
     points: Float32[ndarray, "n 3"],
     places: Float[ndarray, "k 3"],
     radii: tuple[float, ...] = RADII,
-    most: int = MAX_SPLATS,
 ) -> Float64[ndarray, " k"]:
     """Heights of the ground under many places, as `estimate_ground_height` finds each; NaN where there is none.
 
@@ -59,7 +56,7 @@ def estimate_ground_heights(
         last = np.searchsorted(along, (places[:, 0] + radius).astype(np.float32), "right")
         for number in np.flatnonzero(np.isnan(heights) & (last - first >= MIN_SPLATS)).tolist():
             near = np.sort(order[first[number] : last[number]])
-            height = estimate_ground_height(points[near], places[number], (radius,), most)
+            height = estimate_ground_height(points[near], places[number], (radius,))
             heights[number] = np.nan if height is None else height
     return heights
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.ground_height import RADII, estimate_ground_height, estimate_ground_heights
+from instdrive_core.edits.queries.ground_height import RADII, estimate_ground_heights
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.scene.lane import estimate_street_direction, estimate_travel_direction
@@ -77,15 +77,9 @@ def find_ground_heights(
 
     Raises EditError where there is none below one of them.
     """
-    middle, heights = (places.min(axis=0) + places.max(axis=0)) / 2, np.full(len(places), np.nan)
-    apart = float(np.abs(places - middle)[:, :2].max())
-    for radius in RADII:
-        around = _gather_background(document, ids, middle, radius + apart)
-        for number in np.flatnonzero(np.isnan(heights)).tolist():
-            height = estimate_ground_height(around, places[number], (radius,))
-            heights[number] = np.nan if height is None else height
-        if not np.isnan(heights).any():
-            return heights
+    heights = find_ground_along(document, ids, places)
+    if not np.isnan(heights).any():
+        return heights
     place = places[np.isnan(heights)][0]
     raise EditError(
         phrase(
