@@ -35,7 +35,7 @@ def is_enter_pressed() -> bool:
 
 def _is_escape_pressed() -> bool:
     """Whether Escape was pressed and meant for the dialog: a list that is open in it closes first."""
-    pressed = imgui.is_key_pressed(imgui.Key.escape)
+    pressed = imgui.is_key_pressed(imgui.Key.escape, False)  # held over long frames it would close list and dialog
     if pressed and imgui.is_popup_open("", imgui.PopupFlags_.any_popup_id):
         imgui.internal.close_popup_to_level(1, True)
         return False

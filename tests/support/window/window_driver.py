@@ -136,7 +136,7 @@ class WindowDriver:
             if wanted(state):
                 return state
             time.sleep(0.05)
-        shown = {key: value for key, value in state.items() if key not in ("widgets", "camera")}
+        shown = {key: value for key, value in state.items() if key != "camera"} | {"widgets": sorted(state["widgets"])}
         raise AssertionError(
             f"waited {patience:.0f} s for: {what}. The window reports {shown}; its threads were at\n{self._stacks()}"
         )
