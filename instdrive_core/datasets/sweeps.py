@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Sweep, SweepPoints
 from instdrive_core.scene.box_search import find_box_of_points
-from instdrive_core.scene.track import Track
+from instdrive_core.scene.track import Track, interpolate_tracks
 
 BOX_MARGIN = 0.1
 """Metres by which a moving box is grown to catch its points."""
@@ -101,7 +101,7 @@ class _Boxes:
 
     @staticmethod
     def build(tracks: list[Track], time: float) -> _Boxes:
-        return _Boxes(tracks, np.array([track.interpolate_pose(time) for track in tracks]).reshape(-1, 4, 4))
+        return _Boxes(tracks, interpolate_tracks(tracks, time))
 
     def select(self, chosen: Bool[ndarray, " b"]) -> _Boxes:
         return _Boxes([self.tracks[number] for number in np.flatnonzero(chosen)], self.poses[chosen])

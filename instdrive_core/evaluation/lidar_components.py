@@ -12,6 +12,7 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.maths.cells import connect_cells
 from instdrive_core.scene.box_search import find_box_of_points
 from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.track import interpolate_tracks
 
 VOXEL = 0.25
 """Metres: points in neighbouring cells of this size hang together."""
@@ -49,7 +50,7 @@ def _gather_standing_points(clip: Clip) -> Float32[ndarray, "n 3"]:
     for sweep in sweeps[:: max(1, -(-len(sweeps) // MAX_SWEEPS))]:
         points = sweep.load().points
         moving = [track for track in clip.tracks if track.moving and track.covers(sweep.time)]
-        poses = np.array([track.interpolate_pose(sweep.time) for track in moving]).reshape(-1, 4, 4)
+        poses = interpolate_tracks(moving, sweep.time)
         dimensions = np.array([track.dimensions for track in moving]).reshape(-1, 3)
         parts.append(points[find_box_of_points(points, poses, dimensions, BOX_MARGIN) < 0])
     return np.concatenate(parts)

@@ -6,6 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+_NEARLY_EQUAL = 0.9995
+"""Cosine of half the angle from which on `slerp` goes straight: the arc's formula would divide by almost nothing."""
+
 
 def normalize_quaternions(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
     """Scale quaternions to length 1; a zero quaternion becomes the identity."""
@@ -58,13 +61,15 @@ def multiply_quaternions(left: Float[ndarray, "*n 4"], right: Float[ndarray, "*n
     return np.stack(parts, axis=-1)
 
 
-def slerp(start: Float[ndarray, "4"], end: Float[ndarray, "4"], fraction: float) -> Float[ndarray, "4"]:
+def slerp(
+    start: Float[ndarray, "*n 4"], end: Float[ndarray, "*n 4"], fraction: Float[ndarray, "*n"] | float
+) -> Float[ndarray, "*n 4"]:
     """Interpolate spherically along the shorter arc; `fraction` 0 gives `start`, 1 gives `end`."""
     start, end = normalize_quaternions(start), normalize_quaternions(end)
-    cosine = float(start @ end)
-    if cosine < 0:
-        end, cosine = -end, -cosine
-    if cosine > 0.9995:
-        return normalize_quaternions(start + fraction * (end - start))
-    angle = np.arccos(cosine)
-    return (np.sin((1 - fraction) * angle) * start + np.sin(fraction * angle) * end) / np.sin(angle)
+    share = np.asarray(fraction)[..., None]
+    cosine = (start * end).sum(axis=-1, keepdims=True)
+    end, cosine = np.where(cosine < 0, -end, end), np.abs(cosine)
+    straight = normalize_quaternions(start + share * (end - start))
+    angle = np.arccos(np.minimum(cosine, _NEARLY_EQUAL))
+    curved = (np.sin((1 - share) * angle) * start + np.sin(share * angle) * end) / np.sin(angle)
+    return np.where(cosine > _NEARLY_EQUAL, straight, curved)

@@ -20,7 +20,7 @@ from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.seen_moving import SeenMover
 from instdrive_core.scene.sky import Sky
-from instdrive_core.scene.track import Track
+from instdrive_core.scene.track import Track, find_node_poses
 
 
 @dataclass
@@ -75,9 +75,7 @@ class Scene:
 
     def find_node_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
         """Find world_from_node of background and actors at `time` (s), and which of them exist then."""
-        poses = [np.eye(4), *(actor.interpolate_pose(time) for actor in self.actors)]
-        present = [True, *(actor.covers(time) for actor in self.actors)]
-        return np.stack(poses), np.array(present, np.uint8)
+        return find_node_poses(self.actors, time)
 
 
 def scene_from_gaussians(gaussians: Gaussians) -> Scene:

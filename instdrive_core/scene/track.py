@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.maths.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
@@ -40,17 +41,47 @@ class Track:
 
     def interpolate_pose(self, time: float) -> Float64[ndarray, "4 4"]:
         """Interpolate world_from_box at `time`: linear and slerp between neighbours, clamped at the ends."""
-        upper = int(np.searchsorted(self.times, time))
-        if upper == 0 or upper == len(self.times):
-            return self.world_from_box[min(upper, len(self.times) - 1)].copy()
-        lower = upper - 1
-        fraction = float((time - self.times[lower]) / (self.times[upper] - self.times[lower]))
-        start, end = self.world_from_box[lower], self.world_from_box[upper]
-        quats = quaternion_from_matrix(np.stack([start[:3, :3], end[:3, :3]]))
-        pose = np.eye(4)
-        pose[:3, :3] = matrix_from_quaternion(slerp(quats[0], quats[1], fraction))
-        pose[:3, 3] = (1 - fraction) * start[:3, 3] + fraction * end[:3, 3]
-        return pose
+        return self.interpolate_poses(np.array([time], np.float64))[0]
+
+    def interpolate_poses(self, times: Float64[ndarray, " k"]) -> Float64[ndarray, "k 4 4"]:
+        """Interpolate world_from_box at many `times` (seconds), for each as `interpolate_pose` does."""
+        upper, last = np.searchsorted(self.times, times), len(self.times) - 1
+        lower, upper = np.clip(upper - 1, 0, last), np.minimum(upper, last)
+        steps = self.times[upper] - self.times[lower]
+        shares = np.where(steps > 0, (times - self.times[lower]) / np.where(steps > 0, steps, 1), 0)
+        return _blend_poses(self.world_from_box[lower], self.world_from_box[upper], shares)
+
+
+def interpolate_tracks(tracks: Sequence[Track], time: float) -> Float64[ndarray, "m 4 4"]:
+    """Interpolate world_from_box of many tracks at one `time` (seconds), for each as its `interpolate_pose` does."""
+    ends, shares = np.empty((2, len(tracks), 4, 4)), np.zeros(len(tracks))
+    for place, track in enumerate(tracks):
+        upper, last = int(np.searchsorted(track.times, time)), len(track.times) - 1
+        lower, upper = max(upper - 1, 0), min(upper, last)
+        ends[:, place] = track.world_from_box[lower], track.world_from_box[upper]
+        if track.times[upper] > track.times[lower]:
+            shares[place] = (time - track.times[lower]) / (track.times[upper] - track.times[lower])
+    return _blend_poses(ends[0], ends[1], shares)
+
+
+def find_node_poses(actors: Sequence[Track], time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+    """Find world_from_node of background and actors at `time` (seconds), and which of them exist then."""
+    present = [True, *(actor.covers(time) for actor in actors)]
+    return np.concatenate([np.eye(4)[None], interpolate_tracks(actors, time)]), np.array(present, np.uint8)
+
+
+def _blend_poses(
+    start: Float64[ndarray, "k 4 4"], end: Float64[ndarray, "k 4 4"], shares: Float64[ndarray, " k"]
+) -> Float64[ndarray, "k 4 4"]:
+    """Go a share of the way between poses; one beyond either end is that end, to the bit."""
+    poses = np.where((shares > 0)[:, None, None], end, start)
+    between = np.flatnonzero((shares > 0) & (shares < 1))
+    if len(between):
+        start, end, shares = start[between], end[between], shares[between]
+        turns = slerp(quaternion_from_matrix(start[:, :3, :3]), quaternion_from_matrix(end[:, :3, :3]), shares)
+        poses[between, :3, :3] = matrix_from_quaternion(turns)
+        poses[between, :3, 3] = (1 - shares)[:, None] * start[:, :3, 3] + shares[:, None] * end[:, :3, 3]
+    return poses
 
 
 def find_points_inside(

@@ -3,7 +3,7 @@ import pytest
 from random_scene import random_track
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.scene.track import find_points_inside
+from instdrive_core.scene.track import find_node_poses, find_points_inside, interpolate_tracks
 
 
 @pytest.fixture
@@ -25,6 +25,20 @@ def test_outside_its_time_the_track_stands_still_and_is_not_covered(track):
     assert track.covers(0.45)
     assert not track.covers(-0.1)
     assert not track.covers(0.5)
+
+
+def test_many_times_and_many_tracks_at_once_give_each_pose_to_the_bit(track):
+    times = np.array([-5.0, 0.0, 0.07, 0.2, 0.2500001, 0.39, 99.0])
+    alone = np.array([track.interpolate_pose(time) for time in times])
+    np.testing.assert_array_equal(track.interpolate_poses(times), alone)
+    tracks = [random_track(np.random.default_rng(seed), str(seed)) for seed in range(5)]
+    for time in times:
+        together = interpolate_tracks(tracks, time)
+        np.testing.assert_array_equal(together, [each.interpolate_pose(time) for each in tracks])
+        poses, present = find_node_poses(tracks, time)
+        np.testing.assert_array_equal(poses, [np.eye(4), *together])
+        assert present.tolist() == [1, *(each.covers(time) for each in tracks)]
+    assert interpolate_tracks([], 0.0).shape == (0, 4, 4)
 
 
 def test_path_length(track):

@@ -13,6 +13,7 @@ from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.scene.scene import extract_node_rotations
 from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.track import find_node_poses
 
 NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
 
@@ -127,7 +128,7 @@ class PlacedSplats:
 
 def _build_frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -> Float64[ndarray, "f 18"]:
     """Compute where pairs of node and move lie; a move that was undone, which no row names, counts as none."""
-    poses, present = state.compute_poses(time)
+    poses, present = find_node_poses(state.actors, time)
     nodes, moves = np.array(pairs).T
     table = np.zeros((len(pairs), _FRAME_FLOATS))
     known = nodes < len(poses)

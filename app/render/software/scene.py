@@ -42,11 +42,6 @@ class SceneState:
     rows_version: int
     """Rises when the shared arrays get other rows."""
 
-    def compute_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
-        """Compute world_from_node of background and actors at a time (seconds), and which are present then."""
-        poses = [np.eye(4), *(actor.interpolate_pose(time) for actor in self.actors)]
-        return np.stack(poses), np.array([True, *(actor.covers(time) for actor in self.actors)], np.uint8)
-
 
 class SceneWatcher:
     """Takes states of one document on the UI thread; parts that have not changed are shared with the last state."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from instdrive_app.messages import user_message
 from instdrive_app.session.context import SessionContext
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit, describe_ids
-from instdrive_core.edits.document.frozen_copy import freeze_document
+from instdrive_core.edits.document.frozen_copy import freeze_colored
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.shape.complete import CompleteInstance, make_completion
 from instdrive_core.errors import EditError
@@ -26,7 +27,7 @@ class CompletionController:
         document = self._context.document
         if document is None or not ids:
             return
-        frozen, seen = freeze_document(document), document.history.cursor
+        frozen, seen = freeze_colored(document), document.history.cursor
         names = {number: document.scene.table[number].name for number in ids}
 
         def look() -> tuple[list[CompleteInstance], list[str]]:
@@ -37,6 +38,7 @@ class CompletionController:
                     found.append(make_completion(frozen, number))
                 except EditError as error:
                     reasons.append(user_message(error))
+            _prepare(found, frozen)
             return found, reasons
 
         def finish(result: tuple[list[CompleteInstance], list[str]]) -> None:
@@ -58,6 +60,14 @@ class CompletionController:
                 self._messages.error(reason)
 
         self._jobs.submit("Looking for symmetry", look, finish, modal=False)
+
+
+def _prepare(edits: list[CompleteInstance], frozen: Document) -> None:
+    """Work out beside the window what one edit after the other adds; all but the last are done to the copy."""
+    for place, edit in enumerate(edits):
+        edit.prepare(frozen)
+        if place < len(edits) - 1:
+            edit.do(frozen)
 
 
 def _join(edits: list[CompleteInstance], title: str) -> Edit:

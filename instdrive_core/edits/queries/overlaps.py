@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
@@ -14,6 +14,7 @@ from instdrive_core.edits.queries.compact_objects import is_compact, keep_main_n
 from instdrive_core.instances.interiors import DEFAULT_CONFIG
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.track import Track
 from instdrive_core.wording import Phrase, phrase
 
 LEAST_DEPTH = 0.2
@@ -62,6 +63,27 @@ class _Shape:
         return float(np.linalg.norm(self.half))
 
 
+class _Moments:
+    """Where each node is at each of some times; found for all times at once, and only for nodes that are asked for."""
+
+    def __init__(self, times: Sequence[float], tracks: Sequence[Track]) -> None:
+        """The nodes are 0 for the background, then those of the tracks."""
+        self.times, self._tracks = times, tracks
+        self._poses: dict[int, Float64[ndarray, "t 4 4"]] = {}
+
+    def find_poses(self, node: int) -> Float64[ndarray, "t 4 4"]:
+        """Find world_from_node at each time."""
+        if node not in self._poses:
+            times = np.array(self.times, np.float64)
+            still = np.tile(np.eye(4), (len(times), 1, 1))
+            self._poses[node] = self._tracks[node - 1].interpolate_poses(times) if node else still
+        return self._poses[node]
+
+    def find_present(self, node: int) -> Bool[ndarray, " t"]:
+        """Find at which times a node exists."""
+        return np.array([node == 0 or self._tracks[node - 1].covers(time) for time in self.times])
+
+
 def find_overlaps(
     document: Document, ids: Iterable[int], times: Sequence[float], added: Collection[int] = ()
 ) -> tuple[Overlap, ...]:
@@ -78,7 +100,7 @@ def find_overlaps(
     near = _list_near(document, asked)
     shapes = {number: _make_shape(document, number) for number in (*asked, *near)}
     known = {number: shape for number, shape in shapes.items() if shape is not None}
-    now = [(time, *document.scene.find_node_poses(time)) for time in times]
+    now = _Moments(times, document.scene.actors)
     found = []
     for place, number in enumerate(asked):
         for other in known if number in known else ():
@@ -131,8 +153,7 @@ def _measure_before(document: Document, first: int, second: int, times: Sequence
     if shapes[0] is None or shapes[1] is None:
         return 0.0
     tracks = [document.get_first_track(node) for node in range(1, len(document.scene.actors) + 1)]
-    before = replace(document.scene, actors=tuple(tracks))
-    overlap = _compare(shapes[0], shapes[1], [(time, *before.find_node_poses(time)) for time in times])
+    overlap = _compare(shapes[0], shapes[1], _Moments(times, tracks))
     return 0.0 if overlap is None else overlap.depth
 
 
@@ -155,33 +176,34 @@ def _make_shape(document: Document, instance_id: int, unmoved: bool = False) -> 
     return _Shape(instance_id, node, points, axes @ ((low + high) / 2), axes, (high - low) / 2)
 
 
-def _compare(
-    first: _Shape, second: _Shape, moments: Sequence[tuple[float, Float64[ndarray, "m 4 4"], ndarray]]
-) -> Overlap | None:
+def _compare(first: _Shape, second: _Shape, moments: _Moments) -> Overlap | None:
     """Where one of two things reaches deepest into the other; None where it never does."""
-    together = [
-        (time, poses)
-        for time, poses, present in moments
-        if present[first.node] and present[second.node] and _are_close(first, second, poses)
-    ]
+    poses, others = moments.find_poses(first.node), moments.find_poses(second.node)
+    apart = np.linalg.norm(_place(poses, first.center) - _place(others, second.center), axis=1)
+    is_close = moments.find_present(first.node) & moments.find_present(second.node)
+    together = np.flatnonzero(is_close & (apart <= first.radius + second.radius))
     if first.node == second.node:
         together = together[:1]
-    depths = [max(_measure_depth(first, second, poses), _measure_depth(second, first, poses)) for _, poses in together]
+    depths = [
+        max(_measure_depth(first, second, pose, other), _measure_depth(second, first, other, pose))
+        for pose, other in zip(poses[together], others[together], strict=True)
+    ]
     if not depths or max(depths) < LEAST_DEPTH:
         return None
     deepest = int(np.argmax(depths))
-    passing = first.node != second.node and (min(depths) < LEAST_DEPTH or len(together) < len(moments))
-    return Overlap(first.instance, second.instance, together[deepest][0], depths[deepest], passing)
+    passing = first.node != second.node and (min(depths) < LEAST_DEPTH or len(together) < len(moments.times))
+    return Overlap(first.instance, second.instance, moments.times[together[deepest]], depths[deepest], passing)
 
 
-def _are_close(first: _Shape, second: _Shape, poses: Float64[ndarray, "m 4 4"]) -> bool:
-    centers = [poses[shape.node, :3, :3] @ shape.center + poses[shape.node, :3, 3] for shape in (first, second)]
-    return float(np.linalg.norm(centers[0] - centers[1])) <= first.radius + second.radius
+def _place(poses: Float64[ndarray, "t 4 4"], point: Float64[ndarray, "3"]) -> Float64[ndarray, "t 3"]:
+    return poses[:, :3, :3] @ point + poses[:, :3, 3]
 
 
-def _measure_depth(box: _Shape, other: _Shape, poses: Float64[ndarray, "m 4 4"]) -> float:
+def _measure_depth(
+    box: _Shape, other: _Shape, box_pose: Float64[ndarray, "4 4"], other_pose: Float64[ndarray, "4 4"]
+) -> float:
     """How deep enough splats of the other thing lie in a box, metres along the ground; 0 where they lie outside."""
-    to_box = np.eye(4) if box.node == other.node else np.linalg.inv(poses[box.node]) @ poses[other.node]
+    to_box = np.eye(4) if box.node == other.node else np.linalg.inv(box_pose) @ other_pose
     local = (other.points @ to_box[:3, :3].T + to_box[:3, 3] - box.center) @ box.axes
     inside = (local[:, 2] <= box.half[2]) & (local[:, 2] >= _CLEARANCE - box.half[2])
     depths = (box.half[:2] - np.abs(local[inside, :2])).min(axis=1)

@@ -19,6 +19,7 @@ from instdrive_core.masks.annotated.labelled_cloud import (
     find_fitting_classes,
 )
 from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance
+from instdrive_core.scene.track import interpolate_tracks
 
 MIN_POINTS = 50
 """Objects with fewer points in all held-out sweeps together are ignored."""
@@ -127,7 +128,7 @@ def _put_into_boxes(
         found.points,
         found.classes,
         found.sensor,
-        np.array([track.interpolate_pose(time) for track in boxes]).reshape(-1, 4, 4),
+        interpolate_tracks(boxes, time),
         np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3),
         np.array([track.moving for track in boxes], bool),
         np.array([find_fitting_classes(clip.class_names, track.label) for track in boxes]).reshape(-1, 256),

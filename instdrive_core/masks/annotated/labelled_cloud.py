@@ -19,7 +19,7 @@ from instdrive_core.datasets.clip import Clip, Sweep
 from instdrive_core.datasets.sweeps import SIBLING_REACH
 from instdrive_core.instances.vehicles import names_vehicle
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
-from instdrive_core.scene.track import Track
+from instdrive_core.scene.track import Track, interpolate_tracks
 
 MOVABLE = frozenset(
     (
@@ -146,7 +146,7 @@ def _split_sweep(
     classes = found.classes if found.classes is not None else np.zeros(len(found.points), np.uint8)
     numbers = np.array(sorted(number for number, track in tracks.items() if track.covers(sweep.time)), np.int64)
     boxes = [tracks[int(number)] for number in numbers]
-    poses = np.array([track.interpolate_pose(sweep.time) for track in boxes]).reshape(-1, 4, 4)
+    poses = interpolate_tracks(boxes, sweep.time)
     halves = np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3)
     moving = np.array([track.moving for track in boxes], bool)
     fitting = fits[numbers - min(tracks, default=0)].reshape(-1, 256)

@@ -16,7 +16,7 @@ from scipy import ndimage
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.box_search import find_box_of_points
-from instdrive_core.scene.track import Track
+from instdrive_core.scene.track import Track, interpolate_tracks
 from instdrive_core.training.settings.config import InitConfig
 from instdrive_core.training.views.lidar_depth import find_nearest_per_pixel, find_pixels_of_points
 from instdrive_core.training.views.training_view import TrainingView
@@ -150,7 +150,7 @@ def _split_actors(
 ) -> tuple[dict[str, ColoredPoints], ColoredPoints]:
     """Split a sweep into points on each moving object, in its box frame, and background points that a camera sees."""
     tracks = [track for track in tracks if track.covers(time)]
-    poses = np.array([track.interpolate_pose(time) for track in tracks]).reshape(-1, 4, 4)
+    poses = interpolate_tracks(tracks, time)
     dimensions = np.array([track.dimensions for track in tracks]).reshape(-1, 3)
     background = cloud.seen & (find_box_of_points(cloud.points, poses, dimensions, BOX_MARGIN) < 0)
     holder = find_box_of_points(cloud.points, poses, dimensions, BOX_MARGIN, BOX_BOTTOM)

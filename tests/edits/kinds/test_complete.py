@@ -10,8 +10,12 @@ from half_seen_car import CAR, PLACE, TURN, car_surface, half_seen_car, scene_of
 from scipy.spatial import KDTree
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.fingerprint import fingerprint
+from instdrive_core.edits.document.frozen_copy import freeze_document
+from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import SelectInstances
+from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.kinds.shape.complete import CompleteInstance, make_completion, mirror_gaussians
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.symmetry import Symmetry, find_seen_side, find_symmetry
@@ -66,6 +70,26 @@ def alive(document):
 
 def alive_tree(document):
     return KDTree(document.compute_means(alive(document)))
+
+
+def test_what_was_prepared_on_a_copy_is_what_is_done_unless_the_document_was_edited(document, monkeypatch):
+    edit, plain = make_completion(document, CAR), Document(deepcopy(document.scene))
+    plain.apply(make_completion(plain, CAR))
+    edit.prepare(freeze_document(document))
+    with monkeypatch.context() as patched:
+        patched.setattr(CompleteInstance, "_mirror", lambda *_: pytest.fail("it was prepared"))
+        document.apply(edit)
+        assert fingerprint(document) == fingerprint(plain)
+        document.undo()
+        document.redo()
+        assert fingerprint(document) == fingerprint(plain)
+    for each in (document, plain):  # without a part of what was mirrored
+        each.undo()
+        each.apply(SelectRows(each.find_rows((CAR,))[::3]))
+        each.apply(DeleteSelected())
+    document.apply(edit)
+    plain.apply(replace(edit))
+    assert fingerprint(document) == fingerprint(plain)
 
 
 def test_it_is_marked_selected_and_undone(document):
