@@ -51,6 +51,7 @@ def _draw_toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: fl
     imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.94))
     passive = flags.no_decoration | flags.no_saved_settings | flags.no_docking | flags.no_focus_on_appearing
     imgui.begin(f"##toast{number}", None, passive | flags.no_nav | flags.no_move)
+    _go_below_popups()
     at, size = imgui.get_window_pos(), imgui.get_window_size()
     bar, draw = ImVec2(at.x + scale_pixels(3), at.y + size.y), imgui.get_window_draw_list()
     draw.add_rect_filled(at, bar, pack_color(tone), scale_pixels(2))
@@ -72,6 +73,14 @@ def _draw_toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: fl
     imgui.end()
     imgui.pop_style_color()
     return size.y
+
+
+def _go_below_popups() -> None:
+    """Bring the present window below dialogs, menus and lists: ImGui puts a window that is new above them all, where it
+    would take the clicks that are meant for them, and so close them."""
+    opened = [popup.window for popup in imgui.get_current_context().open_popup_stack if popup.window is not None]
+    if opened:
+        imgui.internal.bring_window_to_display_behind(imgui.internal.get_current_window(), opened[0])
 
 
 def _draw_job(ui: Ui, job: Job) -> None:
