@@ -70,7 +70,7 @@ def _measure_velocity(track: Track, point: Float64[ndarray, "3"], time: float) -
     early = float(np.clip(time - _APART, track.times[0], track.times[-1] - 2 * _APART))
     early = max(early, float(track.times[0]))
     late = min(early + 2 * _APART, float(track.times[-1]))
-    ends = [track.interpolate_pose(at) for at in (early, late)]
+    ends = track.interpolate_poses(np.array([early, late]))
     moved = (ends[1] - ends[0])[:3, :3] @ point + (ends[1] - ends[0])[:3, 3]
     return moved / max(late - early, 1e-9)
 

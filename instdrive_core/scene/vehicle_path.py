@@ -187,7 +187,7 @@ def trace_way(track: Track) -> tuple[PathKey, ...]:
     """Trace the way of a track: a key every `STEP` seconds."""
     steps = max(1, round(float(track.times[-1] - track.times[0]) / STEP))
     times = np.unique(np.linspace(track.times[0], track.times[-1], steps + 1))
-    places = np.stack([track.interpolate_pose(time)[:2, 3] for time in times.tolist()])
+    places = track.interpolate_poses(times)[:, :2, 3]
     return _make_keys(times, places)
 
 

@@ -251,7 +251,7 @@ def _find_footprints(
     for each in deleted:
         if each.track is not None:
             times = each.track.times
-            path = np.stack([each.track.interpolate_pose(time)[:2, 3] for time in times[:: max(1, len(times) // 20)]])
+            path = each.track.interpolate_poses(times[:: max(1, len(times) // 20)])[:, :2, 3]
             gaps = np.linalg.norm(places[:, None] - path[None], axis=-1).min(axis=1)
             reached = reached | (gaps <= MAX_AWAY).reshape(grid.shape)
     return under, reached

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.twins import merge_twins
-from instdrive_core.scene.track import Track, find_points_inside
+from instdrive_core.scene.track import Track, find_points_inside, interpolate_tracks
 
 MIN_PATH = 1.0
 """Metres that a mover travels within the clip's sweeps."""
@@ -99,8 +99,8 @@ def score_tracks(found: tuple[Track, ...], movers: list[Mover], every: tuple[Tra
         there = [track for track in found if track.covers(time, 0.051)]
         if not here or not there:
             continue
-        centers = np.array([mover.track.interpolate_pose(time)[:2, 3] for mover in here])
-        others = np.array([track.interpolate_pose(time)[:2, 3] for track in there])
+        centers = interpolate_tracks([mover.track for mover in here], time)[:, :2, 3]
+        others = interpolate_tracks(there, time)[:, :2, 3]
         distance = np.linalg.norm(centers[:, None] - others[None], axis=2)
         reach = np.array([max(MATCH, mover.track.dimensions[1] / 2) for mover in here])[:, None]
         cost = np.where(distance < reach, distance, 1e3)
@@ -136,17 +136,15 @@ def _on_any(track: Track, every: tuple[Track, ...]) -> bool:
     for other in every:
         if other.compute_path_length() < 0.5 * MIN_PATH:
             continue
-        shared = [time for time in track.times if other.covers(float(time), 0.051)]
-        if not shared:
+        shared = np.array([time for time in track.times if other.covers(float(time), 0.051)])
+        if not len(shared):
             continue
-        off = [
-            np.linalg.norm(track.interpolate_pose(time)[:2, 3] - other.interpolate_pose(time)[:2, 3]) for time in shared
-        ]
-        if np.mean(np.array(off) < max(MATCH, other.dimensions[1] / 2)) > 0.5:
+        apart = track.interpolate_poses(shared)[:, :2, 3] - other.interpolate_poses(shared)[:, :2, 3]
+        if np.mean(np.linalg.norm(apart, axis=1) < max(MATCH, other.dimensions[1] / 2)) > 0.5:
             return True
     return False
 
 
 def _path(track: Track, times: Float64[ndarray, " t"]) -> float:
-    places = np.array([track.interpolate_pose(time)[:2, 3] for time in times])
+    places = track.interpolate_poses(times)[:, :2, 3]
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())

@@ -116,7 +116,7 @@ def _measure_distance(mine: Track, theirs: Track, origin: ndarray) -> float:
     times = mine.times[(mine.times >= theirs.times[0] - 0.06) & (mine.times <= theirs.times[-1] + 0.06)]
     if not len(times):
         return np.inf
-    places = np.stack([mine.interpolate_pose(t)[:3, 3] - theirs.interpolate_pose(t)[:3, 3] for t in times.tolist()])
+    places = mine.interpolate_poses(times)[:, :3, 3] - theirs.interpolate_poses(times)[:, :3, 3]
     return float(np.median(np.linalg.norm(places + origin, axis=1)))
 
 

@@ -83,8 +83,9 @@ def measure_move(document: Document, number: int) -> float:
     entry = document.scene.table[number]
     if entry.node:
         now, then = document.scene.actors[entry.node - 1], document.get_first_track(entry.node)
-        times = np.unique(np.concatenate([now.times, then.times])).tolist()
-        return max(float(np.hypot(*(now.interpolate_pose(t) - then.interpolate_pose(t))[:2, 3])) for t in times)
+        times = np.unique(np.concatenate([now.times, then.times]))
+        apart = now.interpolate_poses(times)[:, :2, 3] - then.interpolate_poses(times)[:, :2, 3]
+        return float(np.hypot(apart[:, 0], apart[:, 1]).max())
     rows = document.find_rows((number,))
     move = document.transforms.get_move(int(np.bincount(document.transforms.indices[rows]).argmax()))
     here = np.array(entry.bounds).mean(axis=0)
