@@ -110,7 +110,7 @@ def list_hidden_ground(street: Street, every: int, seed: int) -> Iterator[tuple[
     drive = np.array([compute_ego_pose(street, time)[:2, 3] for time in times])
     for number, actor in enumerate(street.actors):
         away = np.linalg.norm(drive - street.box_pose(actor, 0)[:2, 3], axis=1)
-        if actor.route.speed == 0 and actor.label == "Car" and away.min() < NEAREST:
+        if not actor.route.moves and actor.label == "Car" and away.min() < NEAREST:
             found = _look_under(street, number, actor, times, times[int(away.argmin())], seed)
             if found.hole.any() and found.known.any():
                 yield number, found

@@ -83,7 +83,7 @@ def find_parked_car(scene: Scene, street: Street, instance: Instance) -> int | N
     distances = {
         number: float(np.linalg.norm(((street.world_from_street() @ street.box_pose(actor, 0))[:3, 3] - middle)[:2]))
         for number, actor in enumerate(street.actors)
-        if actor.route.speed == 0 and actor.label == "Car"
+        if not actor.route.moves and actor.label == "Car"
     }
     nearest = min(distances, key=lambda number: distances[number], default=None)
     return nearest if nearest is not None and distances[nearest] < NEAREST else None

@@ -278,18 +278,18 @@ def _edit_both(street: Street, document: Document, owners: dict[str, int], durat
     ]
     owner = {number: owners[str(street.actors[number].uuid)] for number in cars}
     cars.sort(key=lambda number: -count[owner[number]])
-    parked = [number for number in cars if street.actors[number].route.speed == 0]
+    parked = [number for number in cars if not street.actors[number].route.moves]
     gone = parked[0]
     roomy = (
         (number, shift)
-        for number in [*parked[1:], *(number for number in cars if street.actors[number].route.speed)]
+        for number in [*parked[1:], *(number for number in cars if street.actors[number].route.moves)]
         for shift in (SHIFT, -SHIFT)
         if _has_room(street, number, shift, gone, duration)
     )
     moves: dict[int, float] = {}
     for number, shift in roomy:
-        kinds = {street.actors[known].route.speed == 0 for known in moves}
-        if (street.actors[number].route.speed == 0) not in kinds:
+        kinds = {not street.actors[known].route.moves for known in moves}
+        if (not street.actors[number].route.moves) not in kinds:
             moves[number] = shift
     actors = list(street.actors)
     for number, shift in moves.items():
@@ -299,7 +299,7 @@ def _edit_both(street: Street, document: Document, owners: dict[str, int], durat
     for number in moves:
         poses = [known.world_from_street() @ known.box_pose(known.actors[number], 0.0) for known in (street, edited)]
         x, y, z = (poses[1] - poses[0])[:3, 3].tolist()
-        stands = not street.actors[number].route.speed
+        stands = not street.actors[number].route.moves
         with suppress(EditError):  # both sides were seen
             document.apply(make_completion(document, owner[number]))
         move = MoveInstances((owner[number],), (x, y, z))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -16,6 +16,7 @@ def record_synthetic_drive(
     steps: int = 20,
     width: int = 480,
     height: int = 270,
+    traffic: Literal["flowing", "jam"] = "flowing",
     flaws: Annotated[RecordingFlaws, tyro.conf.OmitArgPrefixes] = RecordingFlaws(),  # noqa: B008 (frozen)
 ) -> None:
     """Write a synthetic driving clip in PandaSet's layout, with exact instance labels.
@@ -26,6 +27,7 @@ def record_synthetic_drive(
         steps: Time steps at 10 Hz, 1 to 400.
         width: Width of the photos in pixels; PandaSet's are 1920×1080.
         height: Height of the photos in pixels.
+        traffic: 'jam' fills three lanes with vehicles that stop and go.
         flaws: What real recordings have; the truth is kept in the clip's folder 'labels'.
     """
     from rich.progress import Progress
@@ -33,7 +35,7 @@ def record_synthetic_drive(
     from instdrive_core.datasets.synthetic.config import StreetConfig
     from instdrive_core.datasets.synthetic.write import write_street
 
-    config = StreetConfig(seed=seed, steps=steps, width=width, height=height, flaws=flaws)
+    config = StreetConfig(seed=seed, steps=steps, width=width, height=height, traffic=traffic, flaws=flaws)
     with Progress(transient=True) as bar:
         task = bar.add_task(f"Recording {out}", total=steps)
         write_street(out, config, lambda done, _: bar.update(task, completed=done))

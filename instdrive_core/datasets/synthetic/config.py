@@ -9,6 +9,8 @@ from instdrive_core.errors import OptionError
 STEP_SECONDS = 0.1
 CONFIG_FILE = "labels/street.json"
 """Where a clip keeps the config of its street."""
+FLOWING, JAM = "flowing", "jam"
+"""Traffic that a street may have."""
 MAX_STEPS = 400
 """Forty seconds: the street is built as long as the drive needs it."""
 
@@ -68,6 +70,8 @@ class StreetConfig:
     """Height of the photos in pixels."""
     lidar_azimuths: int = 1000
     """LiDAR columns per turn; 64 beams each."""
+    traffic: str = FLOWING
+    """``flowing``, or ``jam``: three full lanes that stop and go, and no car parked on the right."""
     flaws: RecordingFlaws = RecordingFlaws()
     """How the recording falls short of the standard one."""
 
@@ -83,3 +87,5 @@ class StreetConfig:
             value = getattr(self, name)
             if not low <= value <= high:
                 raise OptionError(f"{name} is {value}; choose {low} to {high}")
+        if self.traffic not in (FLOWING, JAM):
+            raise OptionError(f"traffic is {self.traffic!r}; choose '{FLOWING}' or '{JAM}'")

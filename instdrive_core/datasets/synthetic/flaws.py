@@ -42,7 +42,7 @@ def list_annotations(street: Street, flaws: RecordingFlaws, seed: int) -> list[A
     plain = [Annotation(actor, actor.uuid) for actor in street.actors]
     if not flaws.twin_cuboids:
         return plain
-    first = [Annotation(a.actor, a.uuid, _FIRST_LIDAR if a.actor.route.speed > 0 else _NO_LIDAR) for a in plain]
+    first = [Annotation(a.actor, a.uuid, _FIRST_LIDAR if a.actor.route.moves else _NO_LIDAR) for a in plain]
     rng = make_generator(seed, Stream.TWIN_CUBOIDS)
     second = [
         Annotation(

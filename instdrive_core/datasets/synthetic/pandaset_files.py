@@ -58,7 +58,7 @@ def write_cuboids(file: Path, annotations: Sequence[Annotation], world_from_box:
         "uuid": build_object_column([str(annotation.uuid) for annotation in annotations]),
         "label": build_object_column([actor.label for actor in actors]),
         "yaw": np.arctan2(poses[:, 1, 0], poses[:, 0, 0]),
-        "stationary": np.array([actor.route.speed == 0 for actor in actors]),
+        "stationary": np.array([not actor.route.moves for actor in actors]),
         "camera_used": np.full(len(actors), -1, np.int64),
     }
     columns |= {f"position.{axis}": poses[:, k, 3].copy() for k, axis in enumerate("xyz")}

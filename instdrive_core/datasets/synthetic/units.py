@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.config import CONFIG_FILE, STEP_SECONDS, RecordingFlaws, StreetConfig
+from instdrive_core.datasets.synthetic.config import CONFIG_FILE, FLOWING, STEP_SECONDS, RecordingFlaws, StreetConfig
 from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.materials import (
@@ -150,7 +150,9 @@ class StreetUnits:
 
 def _read_config(file: Path) -> StreetConfig:
     entries = read_json(file)
-    values: dict[str, Any] = {field.name: require_field(file, entries, field.name) for field in fields(StreetConfig)}
+    names = [field.name for field in fields(StreetConfig) if field.name != "traffic"]
+    values: dict[str, Any] = {name: require_field(file, entries, name) for name in names}
+    values["traffic"] = entries.get("traffic", FLOWING)  # streets of 0.1.0 do not say
     try:
         values["flaws"] = RecordingFlaws(**values["flaws"])
         return StreetConfig(**values)

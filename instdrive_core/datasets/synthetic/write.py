@@ -119,7 +119,7 @@ def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list
 def _compute_gps(street: Street, world: Float64[ndarray, "4 4"], time: float) -> dict[str, float]:
     """Position and speed over ground, the world's x to the east and y to the north."""
     pose = world @ compute_ego_pose(street, time)
-    velocity = street.ego.speed * pose[:3, 1]
+    velocity = street.ego.compute_speed(time) * pose[:3, 1]
     return {
         "lat": _LATITUDE + float(pose[1, 3]) / _METRES_PER_DEGREE,
         "long": _LONGITUDE + float(pose[0, 3]) / (_METRES_PER_DEGREE * float(np.cos(np.radians(_LATITUDE)))),

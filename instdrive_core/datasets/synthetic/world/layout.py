@@ -6,7 +6,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from instdrive_core.datasets.synthetic.config import STEP_SECONDS, StreetConfig
+from instdrive_core.datasets.synthetic.config import JAM, STEP_SECONDS, StreetConfig
 from instdrive_core.datasets.synthetic.world import curbside
 from instdrive_core.datasets.synthetic.world.buildings import build_building
 from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces, Side, face_street
@@ -20,10 +20,12 @@ from instdrive_core.datasets.synthetic.world.ground import (
     build_ground,
     compute_street_height,
 )
+from instdrive_core.datasets.synthetic.world.jam import draw_jammed_ego_route
 from instdrive_core.datasets.synthetic.world.light import Light
 from instdrive_core.datasets.synthetic.world.materials import MaterialPalette
 from instdrive_core.datasets.synthetic.world.street import Fixture, Street
 from instdrive_core.datasets.synthetic.world.traffic import (
+    build_jammed_traffic,
     build_road_works,
     build_traffic,
     build_walkers,
@@ -65,14 +67,20 @@ def build_street(config: StreetConfig) -> Street:
     ]
     height = partial(compute_street_height, crossing=crossing)
     works_place = float(rng["parked"].uniform(9, 19))
+    jammed = config.traffic == JAM
+    ego = draw_jammed_ego_route(rng["traffic"]) if jammed else None
     actors = [
-        *park_cars(crossing, works_place, rng["parked"], palette, span),
-        *build_traffic(crossing, rng["traffic"], palette, span, spread),
+        *park_cars(crossing, works_place, rng["parked"], palette, span, (-1,) if jammed else (-1, 1)),
+        *(
+            build_traffic(crossing, rng["traffic"], palette, span, spread)
+            if ego is None
+            else build_jammed_traffic(ego, crossing, rng["traffic"], palette)
+        ),
         *build_walkers(crossing, places, rng["people"], palette, span, spread),
         *build_road_works(works_place, rng["parked"], palette),
     ]
     return Street(
-        tuple(fixtures), tuple(actors), draw_ego_route(rng["traffic"]), crossing, palette.table(),
+        tuple(fixtures), tuple(actors), ego or draw_ego_route(rng["traffic"]), crossing, palette.table(),
         _draw_light(rng["light"]), float(rng["light"].uniform(-np.pi, np.pi)), height,
     )  # fmt: skip
 

@@ -14,6 +14,7 @@ from numpy import ndarray
 from instdrive_core.datasets.synthetic.world.light import Light
 from instdrive_core.datasets.synthetic.world.materials import MaterialTable
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_planar_pose, join_meshes
+from instdrive_core.datasets.synthetic.world.pace import StopAndGo
 from instdrive_core.datasets.synthetic.world.rig import EGO_HEIGHT
 
 MOVING_PATH = 1.0
@@ -38,22 +39,40 @@ def get_class_number(name: str) -> int:
 
 @dataclass(frozen=True)
 class Route:
-    """A way at constant speed; `sway` bends it into a gentle S, as a driver who makes room does."""
+    """A way at constant speed, or at a pace that stops and goes.
+
+    `sway` bends it into a gentle S, as a driver who makes room does.
+    """
 
     x: float
     y: float
     yaw: float = 0.0
     """Direction of travel: 0 = +y, counter-clockwise (radians)."""
     speed: float = 0.0
-    """Metres per second."""
+    """Metres per second; 0 where `pace` says how it moves."""
     sway: float = 0.0
     """Greatest sideways offset in metres."""
     sway_length: float = 30.0
     """Metres per S."""
+    pace: StopAndGo | None = None
+    """How something moves whose speed changes."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether it ever leaves its place."""
+        return self.speed > 0 or self.pace is not None
+
+    def travel(self, time: float) -> float:
+        """Metres along the way from time 0 to `time` seconds."""
+        return self.speed * time if self.pace is None else self.pace.travel(time)
+
+    def compute_speed(self, time: float) -> float:
+        """Metres per second along the way at `time` seconds."""
+        return self.speed if self.pace is None else self.pace.compute_speed(time)
 
     def pose(self, time: float, height: Callable[[float, float], float]) -> Float64[ndarray, "4 4"]:
         """street_from_foot at `time` seconds."""
-        distance = self.speed * time
+        distance = self.travel(time)
         phase = 2 * np.pi * distance / self.sway_length
         aside = 0.5 * self.sway * (1 - np.cos(phase))
         turn = np.arctan(0.5 * self.sway * np.sin(phase) * 2 * np.pi / self.sway_length)
@@ -157,7 +176,7 @@ class Street:
         """All instances of a clip of `duration` seconds, by rising ID."""
         listed = [StreetInstance(k + 1, f.label, f.kind, False, None) for k, f in enumerate(self.fixtures)]
         for k, actor in enumerate(self.actors):
-            moving = actor.route.speed * duration > MOVING_PATH
+            moving = actor.route.travel(duration) > MOVING_PATH
             listed.append(StreetInstance(self.actor_id(k), actor.label, "thing", moving, str(actor.uuid)))
         return listed
 
@@ -177,7 +196,7 @@ class Street:
 
     def model_movers(self, time: float) -> dict[int, TriangleMesh]:
         """Meshes of what moves, as they are at `time`, in the models' frames; by actor."""
-        return {k: actor.model(actor.route.speed * time) for k, actor in enumerate(self.actors) if actor.route.speed}
+        return {k: actor.model(actor.route.travel(time)) for k, actor in enumerate(self.actors) if actor.route.moves}
 
     def pose_movers(self, models: dict[int, TriangleMesh], time: float) -> list[StepGeometry]:
         """Put models of what moves where they are at `time`."""
@@ -193,7 +212,7 @@ class Street:
         meshes = [fixture.mesh for fixture in self.fixtures]
         ids = list(range(1, len(meshes) + 1))
         for k, actor in enumerate(self.actors):
-            if actor.route.speed == 0:
+            if not actor.route.moves:
                 meshes.append(actor.model(0.0).transform(self.foot_pose(actor, 0.0)))
                 ids.append(self.actor_id(k))
         owners = np.repeat(np.array(ids, np.int32), [len(mesh) for mesh in meshes])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import uuid
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -11,6 +12,7 @@ from instdrive_core.datasets.synthetic.world import furniture
 from instdrive_core.datasets.synthetic.world.cars import CAR_COLORS, CAR_SHAPES, build_car
 from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces
 from instdrive_core.datasets.synthetic.world.ground import CROSS_HALF, FRONT, LANE, PARKING, ROAD_HALF, STREET_SPAN
+from instdrive_core.datasets.synthetic.world.jam import plan_jam
 from instdrive_core.datasets.synthetic.world.materials import MaterialPalette
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh
 from instdrive_core.datasets.synthetic.world.people import draw_cyclist, draw_person
@@ -18,6 +20,7 @@ from instdrive_core.datasets.synthetic.world.street import Actor, Route
 
 EGO_SPEED = 7.0
 _HALF_TURN = np.pi
+_COMMON = ["hatchback", "sedan", "suv", "estate", "van"]
 
 
 def draw_ego_route(rng: np.random.Generator) -> Route:
@@ -52,13 +55,13 @@ def _draw_colors(rng: np.random.Generator, count: int) -> list[int]:
 
 def park_cars(
     crossing: float, works: float, rng: np.random.Generator, palette: MaterialPalette,
-    street: tuple[float, float] = STREET_SPAN,
+    street: tuple[float, float] = STREET_SPAN, sides: tuple[int, ...] = (-1, 1),
 ) -> list[Actor]:  # fmt: skip
-    """Cars along both kerbs, with empty places; none at the road works on the left at y = `works`."""
+    """Cars along the kerbs of `sides`, with empty places; none at the road works on the left at y = `works`."""
     models = ("hatchback", "sedan", "suv", "estate", "van", "pickup")
     chances = (0.27, 0.22, 0.22, 0.13, 0.09, 0.07)
     actors = []
-    for side in (-1, 1):
+    for side in sides:
         colors = iter(_draw_colors(rng, max(60, round(street[1] - 130))))
         y = -62.0 + rng.uniform(0, 4)
         while y < street[1] - 72:
@@ -88,7 +91,7 @@ def build_traffic(
         return _build_vehicle(model, route, motion, next(colors), rng, palette)
 
     def any_model() -> str:
-        return str(rng.choice(["hatchback", "sedan", "suv", "estate", "van"]))
+        return str(rng.choice(_COMMON))
 
     actors = []
     for y in (17.0, 38.0, 66.0):
@@ -106,13 +109,36 @@ def build_traffic(
     for y in np.arange(104.0, street[1] - 90, 26.0):  # later ones of long drives
         route = Route(-LANE + 0.12, y + rng.uniform(-3, 3), _HALF_TURN, float(rng.uniform(6.9, 6.9 + 0.3 * spread)))
         actors.append(vehicle(any_model(), route))
-    for side in (-1, 1):
-        place = (side * (ROAD_HALF + 7.4), crossing + side * 2.1, side * _HALF_TURN / 2)
-        actors.append(vehicle(any_model(), Route(*place), "Stopped"))
-        behind = (place[0] + side * rng.uniform(6.3, 7.5), place[1], place[2])
-        actors.append(vehicle(any_model(), Route(*behind), "Stopped"))
+    actors += _stop_at_crossing(crossing, rng, lambda route: vehicle(any_model(), route, "Stopped"))
     for x, y, yaw in ((3.03, rng.uniform(21, 25), 0.0), (-3.1, rng.uniform(14, 24), _HALF_TURN)):
         actors.append(_build_cyclist(Route(x, y, yaw, float(rng.uniform(4.2, 5.2))), rng, palette))
+    return actors
+
+
+def build_jammed_traffic(
+    ego: Route, crossing: float, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Actor]:
+    """The queues of a jam around the recording car, cars at the crossing's red light, and a cyclist who gets past."""
+    planned = plan_jam(ego, rng)
+    colors = iter(_draw_colors(rng, len(planned) + 4))
+
+    def vehicle(model: str, route: Route, motion: str) -> Actor:
+        return _build_vehicle(model, route, motion, next(colors), rng, palette)
+
+    actors = [vehicle(queued.model, queued.route, "Moving") for queued in planned]
+    actors += _stop_at_crossing(crossing, rng, lambda route: vehicle(str(rng.choice(_COMMON)), route, "Stopped"))
+    route = Route(-3.1, float(rng.uniform(14, 24)), _HALF_TURN, float(rng.uniform(3.0, 4.2)))
+    return [*actors, _build_cyclist(route, rng, palette)]
+
+
+def _stop_at_crossing(crossing: float, rng: np.random.Generator, build: Callable[[Route], Actor]) -> list[Actor]:
+    """Two cars that wait on either side of the crossing street."""
+    actors = []
+    for side in (-1, 1):
+        place = (side * (ROAD_HALF + 7.4), crossing + side * 2.1, side * _HALF_TURN / 2)
+        actors.append(build(Route(*place)))
+        behind = (place[0] + side * rng.uniform(6.3, 7.5), place[1], place[2])
+        actors.append(build(Route(*behind)))
     return actors
 
 
@@ -147,7 +173,7 @@ def build_walkers(
 
 def _build_person(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
     person = draw_person(rng, palette)
-    walking = route.speed > 0
+    walking = route.moves
     low, high = (bound.astype(float) for bound in person.cuboid(walking))
     label = "Pedestrian with Object" if person.carries in ("backpack", "bag") else "Pedestrian"
     return Actor(
