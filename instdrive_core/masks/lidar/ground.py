@@ -1,7 +1,8 @@
 """The ground under a drive: a height per cell of a horizontal grid, found from below the points.
 
 A progressive morphological filter (Zhang et al., IEEE TGRS 41(4), 2003): what stands higher above an opening of the
-lowest heights than a slope of `SLOPE` over the opening's window allows stands on the ground and is none of it.
+lowest heights than a slope of `SLOPE` over the opening's window allows stands on the ground and is none of it. Of what
+is left, the ground is what hangs together (`ground_growth`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 from numpy import ndarray
 from scipy import ndimage
+
+from instdrive_core.masks.lidar.ground_growth import drape_surface, select_connected
 
 CELL = 0.5
 """Metres along an edge of a cell."""
@@ -38,7 +41,7 @@ class GroundSurface:
     corner: Float64[ndarray, "2"]
     """x and y of the first cell's centre."""
     heights: Float32[ndarray, "x y"]
-    """z of the ground in each cell, known or guessed from its neighbours."""
+    """z of the ground in each cell, known or guessed from what lies around."""
 
     def compute_heights_above(self, points: Float32[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
         """Compute metres by which points lie above the ground, bilinear; outside of the grid as at its rim."""
@@ -56,7 +59,7 @@ def find_ground(points: Float32[ndarray, "n 3"]) -> GroundSurface:
     shape = tuple((cells.max(axis=0) + 1).tolist())
     lowest = _find_lowest(cells[:, 0] * shape[1] + cells[:, 1], points[:, 2], shape[0] * shape[1]).reshape(shape)
     lowest[lowest < _find_low_surroundings(lowest) - PIT_DEPTH] = np.nan
-    ground = _select_ground_cells(lowest)
+    ground = select_connected(lowest, _select_ground_cells(lowest), CELL)
     smooth = _smooth(np.where(ground, lowest, np.nan), SMOOTHING)
     return GroundSurface(corner, smooth.astype(np.float32))
 
@@ -111,11 +114,11 @@ def _select_ground_cells(lowest: Float64[ndarray, "x y"]) -> Bool[ndarray, "x y"
 
 
 def _smooth(heights: Float64[ndarray, "x y"], sigma: float) -> Float64[ndarray, "x y"]:
-    """Smooth the known heights by a Gaussian mean; far from any, that of the nearest."""
+    """Smooth the known heights by a Gaussian mean; where none is near, the surface is draped over them."""
     known = np.isfinite(heights)
     weights = ndimage.gaussian_filter(known.astype(float), sigma)
     sums = ndimage.gaussian_filter(np.where(known, heights, 0), sigma)
     enough = weights > 1e-3
     if not enough.any():
         return np.full_like(heights, np.nanmin(heights) if known.any() else 0.0)
-    return _fill_from_nearest(np.where(enough, sums / np.maximum(weights, 1e-12), np.nan))
+    return np.where(enough, sums / np.maximum(weights, 1e-12), drape_surface(heights))
