@@ -30,7 +30,7 @@ MAX_LENGTH, MAX_WIDTH = 20.0, 8.0
 """Metres: what measures more along both axes of the world is no vehicle."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cluster:
     """Points of one sweep that hang together."""
 

@@ -29,7 +29,7 @@ BLEND = 0.5
 """Weight of the newest displacement in a velocity."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Chain:
     """A thing as it is followed from sweep to sweep."""
 

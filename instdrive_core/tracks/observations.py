@@ -22,7 +22,7 @@ LEVEL = 0.35
 """Length along the ground of a surface's direction below which it says nothing of motion along the ground."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Observation:
     """Points of a thing as one LiDAR met them in one sweep."""
 

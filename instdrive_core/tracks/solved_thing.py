@@ -16,8 +16,12 @@ from instdrive_core.tracks.pose_graph import Packed, count_occupied_cells, in_ob
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import Trajectory
 
+LASTING_CELL, LASTING = 0.25, 0.1
+"""Metres along an edge of the cells of a thing's frame, and share of its observations that meet something in one that
+is part of the thing."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class SolvedThing:
     """A thing that is followed, with its poses."""
 
@@ -53,9 +57,20 @@ class SolvedThing:
         """Points of all its observations in its own frame."""
         return in_object_frame(self.packed, self.trajectory)
 
+    def lasting_points(self) -> Float64[ndarray, "n 3"]:
+        """Points in its own frame at places met in several of its observations: what it brushes past on its way, a post
+        or a hedge, lies elsewhere each time."""
+        local = self.local_points()
+        seen_by = np.repeat(np.arange(len(self.observations)), np.diff(self.packed.starts))
+        cells = np.floor(local / LASTING_CELL).astype(np.int64)
+        _, cell = np.unique(cells, axis=0, return_inverse=True)
+        met = np.unique(np.column_stack([cell, seen_by]), axis=0)[:, 0]
+        lasts = np.bincount(met) >= LASTING * len(self.observations)
+        return local[lasts[cell]] if lasts[cell].mean() > 0.5 else local
+
     def box(self, clouds: list[SweepCloud]) -> TrackBox:
         """Its box."""
-        return fit_box(self.local_points(), self.views(clouds))
+        return fit_box(self.lasting_points(), self.views(clouds))
 
     def views(self, clouds: list[SweepCloud]) -> Float64[ndarray, "v 2"]:
         """Where the sensors were in its frame."""

@@ -20,6 +20,9 @@ FEW_SEEN, SURE_MOTION = 0.02, 0.35
 """What walks along a wall is seldom seen through: so many points suffice if no more of its distances are left."""
 UNSEEN_WAY = 5.0
 """Metres that a thing must travel whose places nobody saw through: far edges of parked cars creep less."""
+STEADY_SWEEPS, STEADY_RATIO = 12, 0.25
+"""Sweeps that meet a thing whose places nobody saw through, and greatest `motion_ratio`, from which on it moves all the
+same: in a jam the next car fills each gap, and behind a row of cars no beam goes on. Ghosts are brief, or fit badly."""
 NEAR = 30.0
 """Metres within which a mover is seen through, as beams are dense there."""
 FLAT, FLAT_REACH = 0.35, 40.0
@@ -53,9 +56,10 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
         return "ego"
     size = float(extent[:2].max())
     walks_by = seen > FEW_SEEN and thing.ratio < SURE_MOTION and way > 3 * size
-    if seen < SEEN and ((distance < NEAR and not walks_by) or way < 2 * size):
+    is_steady = len(thing.clusters) >= STEADY_SWEEPS and thing.ratio <= STEADY_RATIO
+    if seen < SEEN and not is_steady and ((distance < NEAR and not walks_by) or way < 2 * size):
         return f"seen {seen:.2f} at {distance:.0f} way {way:.1f}"
-    if seen < FEW_SEEN and way < UNSEEN_WAY:
+    if seen < FEW_SEEN and not is_steady and way < UNSEEN_WAY:
         return f"never seen through, way {way:.1f}"
     if extent[2] < FLAT and distance < FLAT_REACH:
         return f"flat {extent[2]:.2f}"

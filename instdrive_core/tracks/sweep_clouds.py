@@ -27,7 +27,7 @@ BEARINGS = 72
 """Directions around the sensor by which the time of the turn is kept."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SweepCloud:
     """One sweep's points that may be of something that moves."""
 
