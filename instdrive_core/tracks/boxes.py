@@ -19,6 +19,9 @@ PERSON_LENGTH, PERSON_WIDTH, PERSON_HEIGHTS = 1.25, 1.1, (0.9, 2.2)
 """Metres that a person's points measure at most, and the heights between which they end."""
 NARROW, SHORT = 1.15, 2.6
 """Metres: what is narrower and shorter runs on two wheels."""
+HEADROOM, OVERHEAD = 0.2, 0.3
+"""Metres of air above somebody's head, and share of the points that may lie above it: an awning or a sign that was
+taken along."""
 GROWN = 0.05
 """Metres by which a box is larger than the points that were met on its faces."""
 
@@ -43,9 +46,7 @@ def fit_box(points: Float64[ndarray, "n 3"], views: Float64[ndarray, "v 2"]) -> 
         points: in its frame, z above the ground, metres.
         views: where the sensors were in its frame, metres.
     """
-    low, high = np.percentile(points, TRIM, axis=0), np.percentile(points, 100 - TRIM, axis=0)
-    low[:2] -= GROWN / 2
-    high[:2] += GROWN / 2
+    low, high = _measure(_drop_overhead(points))
     label, typical = classify_box(high[:2] - low[:2], float(high[2]))
     for axis in range(2):
         missing = typical[axis] - (high[axis] - low[axis])
@@ -57,6 +58,26 @@ def fit_box(points: Float64[ndarray, "n 3"], views: Float64[ndarray, "v 2"]) -> 
         high[axis] += missing * (1 - share)
     size = high - low
     return TrackBox((low[:2] + high[:2]) / 2, float(size[0]), float(size[1]), max(float(high[2]), 0.5), label)
+
+
+def _measure(points: Float64[ndarray, "n 3"]) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
+    low, high = np.percentile(points, TRIM, axis=0), np.percentile(points, 100 - TRIM, axis=0)
+    low[:2] -= GROWN / 2
+    high[:2] += GROWN / 2
+    return low, high
+
+
+def _drop_overhead(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
+    """The points without those that hang above a person or a cyclist."""
+    heights = np.sort(points[:, 2])
+    for above in np.flatnonzero(np.diff(heights) >= HEADROOM) + 1:
+        if above < (1 - OVERHEAD) * len(heights):
+            continue
+        below = points[points[:, 2] < heights[above]]
+        low, high = _measure(below)
+        if classify_box(high[:2] - low[:2], float(high[2]))[0] in ("Pedestrian", "Bicycle"):
+            return below
+    return points
 
 
 def classify_box(size: Float64[ndarray, "2"], height: float) -> tuple[str, tuple[float, float]]:

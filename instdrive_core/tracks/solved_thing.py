@@ -16,7 +16,7 @@ from instdrive_core.tracks.pose_graph import Packed, count_occupied_cells, in_ob
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import Trajectory
 
-LASTING_CELL, LASTING = 0.25, 0.1
+LASTING_CELL, LASTING = 0.25, 0.05
 """Metres along an edge of the cells of a thing's frame, and share of its observations that meet something in one that
 is part of the thing."""
 
