@@ -67,7 +67,7 @@ def _measure(points: Float64[ndarray, "n 3"]) -> tuple[Float64[ndarray, "3"], Fl
     return low, high
 
 
-def _drop_overhead(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
+def _drop_overhead(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "k 3"]:
     """The points without those that hang above a person or a cyclist."""
     heights = np.sort(points[:, 2])
     for above in np.flatnonzero(np.diff(heights) >= HEADROOM) + 1:

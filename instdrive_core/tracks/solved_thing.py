@@ -57,7 +57,7 @@ class SolvedThing:
         """Points of all its observations in its own frame."""
         return in_object_frame(self.packed, self.trajectory)
 
-    def lasting_points(self) -> Float64[ndarray, "n 3"]:
+    def lasting_points(self) -> Float64[ndarray, "k 3"]:
         """Points in its own frame at places met in several of its observations: what it brushes past on its way, a post
         or a hedge, lies elsewhere each time."""
         local = self.local_points()

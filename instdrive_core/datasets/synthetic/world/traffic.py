@@ -118,7 +118,7 @@ def build_traffic(
 def build_jammed_traffic(
     ego: Route, crossing: float, rng: np.random.Generator, palette: MaterialPalette
 ) -> list[Actor]:
-    """The queues of a jam around the recording car, cars at the crossing's red light, and a cyclist who gets past."""
+    """The queues of a jam around the recording car, and cars at the crossing's red light."""
     planned = plan_jam(ego, rng)
     colors = iter(_draw_colors(rng, len(planned) + 4))
 
@@ -127,8 +127,7 @@ def build_jammed_traffic(
 
     actors = [vehicle(queued.model, queued.route, "Moving") for queued in planned]
     actors += _stop_at_crossing(crossing, rng, lambda route: vehicle(str(rng.choice(_COMMON)), route, "Stopped"))
-    route = Route(-3.1, float(rng.uniform(14, 24)), _HALF_TURN, float(rng.uniform(3.0, 4.2)))
-    return [*actors, _build_cyclist(route, rng, palette)]
+    return actors
 
 
 def _stop_at_crossing(crossing: float, rng: np.random.Generator, build: Callable[[Route], Actor]) -> list[Actor]:

@@ -1,0 +1,28 @@
+"""Boxes of things: how large they are, and what does not belong to them."""
+
+import numpy as np
+
+from instdrive_core.tracks.boxes import fit_box
+
+VIEWS = np.array([[8.0, 6.0], [9.0, 6.0]])
+
+
+def body(length, width, top, bottom=0.3):
+    """Points all over a body that stands on the ground."""
+    rng = np.random.default_rng(0)
+    return rng.uniform([-length / 2, -width / 2, bottom], [length / 2, width / 2, top], (800, 3))
+
+
+def test_an_awning_above_a_walker_is_no_part_of_them():
+    awning = body(1.4, 1.0, 2.36, 2.3)[:150]
+    box = fit_box(np.concatenate([body(0.5, 0.5, 1.8), awning]), VIEWS)
+    assert box.label == "Pedestrian"
+    assert box.height < 1.85
+    assert max(box.length, box.width) < 0.7
+
+
+def test_air_between_the_body_and_the_roof_of_a_van_does_not_cut_it():
+    roof = body(4.8, 1.9, 2.6, 2.5)[:200]
+    box = fit_box(np.concatenate([body(4.8, 1.9, 2.0), roof]), VIEWS)
+    assert box.height > 2.5
+    assert box.length >= 6.0

@@ -1,0 +1,77 @@
+"""Solved things: joined, judged, and measured."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from box_street import Body, box_clip, walls
+
+from instdrive_core.tracks.candidates import make_cluster
+from instdrive_core.tracks.finder import find_things, vote
+from instdrive_core.tracks.fragments import merge_fragments
+from instdrive_core.tracks.motion_tests import carry
+from instdrive_core.tracks.solved_thing import solve_thing
+from instdrive_core.tracks.strict_test import STEADY_RATIO, STEADY_SWEEPS, why_not
+from instdrive_core.tracks.sweep_clouds import gather_clouds
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Clouds, votes and things of a street with two cars that drive beside each other's lanes."""
+    cars = [Body(lambda time, x=x, y=y: (x + 5.0 * time, y, 0.0)) for x, y in ((9.0, 3.5), (16.0, -3.2))]
+    clip = box_clip([*walls(), *cars], ego=lambda time: 4.0 * time)
+    clouds, _ = gather_clouds(clip, clip.sweeps)
+    votes = vote(clouds)
+    return clouds, votes, find_things(clouds, votes)
+
+
+def test_fragments_are_joined_while_others_begin_in_the_same_sweep(found):
+    clouds, votes, things = found
+    assert len(things) == 2
+    car, other = sorted(things, key=lambda thing: -thing.point_count)
+    parts = []
+    for is_low in (True, False):
+        clusters = []
+        for one in car.clusters:
+            rows = one.rows[(one.points[:, 2] <= np.median(one.points[:, 2])) == is_low]
+            clusters.append(make_cluster(clouds[one.sweep], votes[one.sweep].is_seen_through, rows, one.sweep))
+        parts.append(solve_thing(clusters, clouds, [car.trajectory]))
+    few = [
+        replace(other, clusters=[replace(one, rows=one.rows[::2], points=one.points[::2]) for one in other.clusters])
+    ]
+    merged = merge_fragments([parts[0], *few, parts[1]], clouds, votes)
+    assert len(merged) == 2
+    assert max(thing.point_count for thing in merged) == car.point_count
+
+
+def test_what_nobody_saw_through_moves_if_it_is_met_often_and_fits_well(found):
+    clouds, _, things = found
+    hidden = [replace(one, seen_through=0.0) for one in things[0].clusters]
+    assert len(hidden) >= STEADY_SWEEPS
+    thing = replace(things[0], clusters=hidden, core_seen=0.0, ratio=STEADY_RATIO)
+    assert why_not(thing, clouds) == ""
+    assert "seen" in why_not(replace(thing, ratio=STEADY_RATIO + 0.05), clouds)
+    assert "seen" in why_not(replace(thing, clusters=hidden[: STEADY_SWEEPS - 1]), clouds)
+
+
+def test_a_post_brushed_past_is_no_part_of_the_thing(found):
+    clouds, _, things = found
+    thing = things[0]
+    clusters = list(thing.clusters)
+    middle = len(clusters) // 2
+    one = clusters[middle]
+    pose = thing.trajectory.poses_at(np.array([one.time]))[0]
+    post = carry(np.array([[3.6, 0.0, z] for z in np.arange(0.5, 3.5, 0.1)]), np.zeros(2), 0.0, pose[:2], pose[2])
+    cloud = clouds[one.sweep]
+    rows = np.concatenate([one.rows, np.arange(len(post)) + len(cloud.points)])
+    grown = replace(
+        cloud,
+        points=np.concatenate([cloud.points, post]).astype(np.float32),
+        **{name: np.concatenate([getattr(cloud, name), getattr(cloud, name)[one.rows[:1]].repeat(len(post))])
+           for name in ("heights", "distance", "sensor", "times")},
+    )  # fmt: skip
+    everywhere = [*clouds[: one.sweep], grown, *clouds[one.sweep + 1 :]]
+    clusters[middle] = make_cluster(grown, np.ones(len(grown.points), bool), rows, one.sweep)
+    brushed = solve_thing(clusters, everywhere, [thing.trajectory])
+    assert np.ptp(brushed.local_points()[:, 2]) > 2.5
+    assert brushed.box(everywhere).height < 2.0
