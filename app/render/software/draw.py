@@ -18,6 +18,7 @@ from instdrive_app.render.frame_keys import (
     round_to_figure,
 )
 from instdrive_app.render.picture_colors import BACKDROP
+from instdrive_app.render.software.color_memory import ColorMemory
 from instdrive_app.render.software.merged_splats import MergedSplats
 from instdrive_app.render.software.picture import add_outlines, paint_color, paint_depth, paint_ids, paint_safe_ids
 from instdrive_app.render.software.placed_splats import PlacedSplats
@@ -81,6 +82,7 @@ class SoftwareDraw:
         """Drafts of scenes with more splats than `fewest` are drawn with levels of detail."""
         self._workspace, self._fewest = Workspace(), fewest
         self._placed: PlacedSplats | None = None
+        self._colors = ColorMemory()
         self._blended: Preview | None = None
         self._winner = np.zeros((0, 0), np.int32)
         self._found: ProjectedSplats | None = None
@@ -148,7 +150,10 @@ class SoftwareDraw:
             settings, opacities = DOT_SETTINGS, make_dots(opacities, snapshot.id_opacity)
             log_scales = np.full_like(log_scales, DOT_LOG_SCALE)
         shapes = placed.means, placed.quats, log_scales, opacities
-        found = project_splats(*shapes, camera, settings, _build_color_source(placed), workspace)
+        source = _build_color_source(placed)
+        if not snapshot.draft:
+            source = replace(source, remembered=self._colors.recall(placed, camera.position))
+        found = project_splats(*shapes, camera, settings, source, workspace)
         check()
         self._finish(found, placed, camera, snapshot, settings)
 

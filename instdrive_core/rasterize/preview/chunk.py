@@ -28,6 +28,8 @@ class Chunk(NamedTuple):
     """Group by group the rows of `ProjectedSplats.boxes`, as bits."""
     seen: UInt64[ndarray, " 8"]
     """The visible rows of each group, a bit each."""
+    fresh: UInt64[ndarray, " 8"]
+    """Those of them whose colours are computed now."""
     directions: Float32[ndarray, " 3*128"]
     """Offsets from the camera, then unit vectors: x of all rows, y, z."""
     basis: Float32[ndarray, "k 128"]
@@ -43,6 +45,7 @@ def new_chunk(values):
     return Chunk(
         allocate_aligned_zeros(groups * np.int64(COLUMNS)),
         allocate_aligned_zeros(groups * np.int64(BOXES)),
+        np.zeros(groups, np.uint64),
         np.zeros(groups, np.uint64),
         allocate_aligned_zeros(3 * CHUNK),
         np.empty((values, CHUNK), np.float32),

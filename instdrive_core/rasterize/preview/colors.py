@@ -12,15 +12,21 @@ from numba.core import types
 from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import Y0
-from instdrive_core.rasterize.kernels.lane_shuffles import load_turned
+from instdrive_core.rasterize.kernels.lane_shuffles import interleave_lanes, load_columns, load_turned, take_member
 from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.simd import (
     LaneBlock,
+    build_block,
+    choose,
+    fill_lanes,
     find_lowest_bit,
     intrinsic,
+    load,
     load_block,
+    pack_lane_bits,
     prefetch,
     store_block,
+    unpack_lane_bits,
 )
 from instdrive_core.rasterize.kernels.view_colors import fill_basis
 from instdrive_core.rasterize.preview.chunk import CHUNK, COLUMNS
@@ -51,6 +57,9 @@ class ColorSource:
     """[A | b] of each entry: max(A c + b, 0) is shown for c."""
     sources: Int32[ndarray, " n"] = field(default_factory=lambda: np.zeros(0, np.int32))
     """Row of `sh_dc` and `sh_rest` that each splat takes; empty where they lie in the same order."""
+    remembered: Float32[ndarray, "m 3"] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    """Colours that these rows (m = n) have from this place, -1 where that is not known: what is found is written here.
+    Empty where none are remembered, as where there are `sources`."""
     known: bool = False
     """Whether `sh_dc` holds the colours themselves, from any direction."""
 
@@ -58,7 +67,10 @@ class ColorSource:
         """Write the arrays as the kernels take them."""
         tone = (0.0, 1.0, _DARKEST) if self.known else (0.5, Y0, 0.0)
         return (
-            (to_kernel_array(self.sh_dc), to_kernel_array(self.sh_rest), self.sources, np.array(tone, np.float32)),
+            (
+                *(to_kernel_array(self.sh_dc), to_kernel_array(self.sh_rest), self.sources),
+                *(np.array(tone, np.float32), self.remembered),
+            ),
             (self.frames, to_kernel_array(self.rotations)),
             (np.require(self.entries, np.uint16, ["C", "W"]), to_kernel_array(self.matrices)),
         )
@@ -73,22 +85,24 @@ def know_colors(colors: Float32[ndarray, "n 3"]) -> ColorSource:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def color_chunk(chunk, start, count, dc, rest, sources, tone, frames, rotations, entries, matrices):
+def color_chunk(chunk, start, count, dc, rest, sources, tone, remembered, frames, rotations, entries, matrices):
     """Write RGB of the visible rows among `count` from `start` on into the chunk's columns."""
-    columns, seen, directions, places, values = chunk.columns, chunk.seen, chunk.directions, chunk.places, chunk.basis
-    width, basis = np.uint64(3 * len(values)), values.reshape(-1)
+    columns, directions, places, values = chunk.columns, chunk.directions, chunk.places, chunk.basis
+    width, basis, fresh = np.uint64(3 * len(values)), values.reshape(-1), chunk.fresh
+    groups = (count + _LANES - np.uint64(1)) // _LANES
+    if not _recall(chunk.seen, start, groups, remembered, columns, fresh):
+        return
     if width:
         if len(frames):
-            _turn_offsets(start, count, seen, frames, rotations, directions)
+            _turn_offsets(start, count, fresh, frames, rotations, directions)
         _normalize(directions)
         fill_basis(_ROWS, directions.reshape((3, CHUNK)), values)
-    groups = (count + _LANES - np.uint64(1)) // _LANES
     for group in range(groups):
-        visible, first, ahead = seen[group], start + group * _LANES, min(group + _AHEAD, groups - np.uint64(1))
+        visible, first, ahead = fresh[group], start + group * _LANES, min(group + _AHEAD, groups - np.uint64(1))
         if visible == np.uint64(0):
             continue
         at, shown = group * COLUMNS + AT_COLOR * _LANES, first + find_lowest_bit(visible)
-        soon, first_ahead = seen[ahead], start + ahead * _LANES
+        soon, first_ahead = fresh[ahead], start + ahead * _LANES
         for lane in range(_LANES):
             row = first + lane if (visible >> lane) & np.uint64(1) else shown
             j = np.uint64(sources[row]) if len(sources) else row
@@ -115,11 +129,44 @@ def color_chunk(chunk, start, count, dc, rest, sources, tone, frames, rotations,
                     value, coefficient = values[k, group * _LANES + lane], places[lane] + k * np.uint64(3)
                     for channel in range(np.uint64(3)):
                         columns[at + channel * _LANES + lane] += value * rest[coefficient + channel]
-    _recolor(start, count, seen, entries, matrices, columns)
+    _recolor(start, count, fresh, entries, matrices, columns)
     for group in range(groups):
         at = group * COLUMNS + AT_COLOR * _LANES
         for place in range(at, at + np.uint64(3) * _LANES):
             columns[place] = max(columns[place], tone[2])
+    _remember(start, groups, columns, fresh, remembered)
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
+def _recall(seen, start, groups, remembered, columns, fresh):
+    """Write the colours that are remembered for all visible rows of a group; `fresh` gets the bits of other groups'
+    visible rows. Returns whether there are any."""
+    rows, any_fresh = np.uint64(len(remembered) // 3), False
+    for group in range(groups):
+        first, visible = start + group * _LANES, seen[group]
+        fresh[group] = visible
+        if first + _LANES <= rows:
+            colors = load_columns(3, remembered, first * np.uint64(3))
+            known = np.uint64(pack_lane_bits(take_member(colors, 0) >= fill_lanes(np.float32(0))))
+            if known & visible == visible:
+                store_block(columns, group * COLUMNS + AT_COLOR * _LANES, _LANES, colors)
+                fresh[group] = np.uint64(0)
+        any_fresh |= fresh[group] != np.uint64(0)
+    return any_fresh
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
+def _remember(start, groups, columns, fresh, remembered):
+    rows = np.uint64(len(remembered) // 3)
+    for group in range(groups):
+        first, at = start + group * _LANES, group * COLUMNS + AT_COLOR * _LANES
+        if fresh[group] and first + _LANES <= rows:
+            place, visible = first * np.uint64(3), unpack_lane_bits(np.uint16(fresh[group]))
+            old = load_columns(3, remembered, place)
+            red = choose(visible, load(columns, at), take_member(old, 0))
+            green = choose(visible, load(columns, at + _LANES), take_member(old, 1))
+            blue = choose(visible, load(columns, at + _LANES + _LANES), take_member(old, 2))
+            store_block(remembered, place, _LANES, interleave_lanes(build_block(red, green, blue)))
 
 
 @intrinsic(prefer_literal=True)
@@ -149,11 +196,11 @@ def _add_harmonics(typingctx, colors, coefficients, basis, place, number, skippe
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
-def _turn_offsets(start, count, seen, frames, rotations, directions):
+def _turn_offsets(start, count, fresh, frames, rotations, directions):
     """Turn offsets from the camera into each splat's own frame."""
     for row in range(count):
         f = np.uint64(9) * np.uint64(frames[start + row])
-        if (seen[row // _LANES] >> (row % _LANES)) & np.uint64(1):
+        if (fresh[row // _LANES] >> (row % _LANES)) & np.uint64(1):
             x, y, z = directions[row], directions[row + _ROWS], directions[row + _ROWS + _ROWS]
             for axis in range(np.uint64(3)):
                 m = f + axis
@@ -170,10 +217,10 @@ def _normalize(directions):
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
-def _recolor(start, count, seen, entries, matrices, columns):
+def _recolor(start, count, fresh, entries, matrices, columns):
     for row in range(count):
         entry, group, lane = np.uint64(entries[start + row]), row // _LANES, row % _LANES
-        if entry and (seen[group] >> lane) & np.uint64(1):
+        if entry and (fresh[group] >> lane) & np.uint64(1):
             at = group * COLUMNS + AT_COLOR * _LANES + lane
             red, green, blue = columns[at], columns[at + _LANES], columns[at + _LANES + _LANES]
             for channel in range(np.uint64(3)):

@@ -265,6 +265,7 @@ def _project(arrays, last, view, constants, harmonics, turned, recolored, writte
     means, quats, log_scales, opacities = arrays[0].reshape(-1), arrays[1].reshape(-1), arrays[2].reshape(-1), arrays[3]
     part = last[0].reshape(-1), last[1].reshape(-1), last[2].reshape(-1), last[3]
     dc, matrices, rotations = harmonics[0].reshape(-1), recolored[1].reshape(-1), turned[1].reshape(-1)
+    remembered = harmonics[4].reshape(-1)
     for task in numba.prange((chunks + _CHUNKS_PER_TASK - 1) // _CHUNKS_PER_TASK):
         room = new_chunk(values)
         for number in range(np.uint64(task * _CHUNKS_PER_TASK), np.uint64(min((task + 1) * _CHUNKS_PER_TASK, chunks))):
@@ -275,7 +276,7 @@ def _project(arrays, last, view, constants, harmonics, turned, recolored, writte
             if whole * _LANES < here:
                 _project_chunk(*part, np.uint64(0), np.uint64(1), view, constants, room, whole)
             color_chunk(
-                *(room, start, here, dc, rest, harmonics[2], harmonics[3], turned[0], rotations),
-                *(recolored[0], matrices),
+                *(room, start, here, dc, rest, harmonics[2], harmonics[3], remembered),
+                *(turned[0], rotations, recolored[0], matrices),
             )
             _write_chunk(room, start, here, first_row, flat, depths, boxes)
