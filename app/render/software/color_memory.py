@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.render.software.placed_splats import PlacedSplats
-
-_UNKNOWN = np.float32(-1)
+from instdrive_core.rasterize.preview.colors import RememberedColors
 
 
 class ColorMemory:
@@ -18,23 +17,24 @@ class ColorMemory:
     """
 
     def __init__(self) -> None:
-        self._colors = np.zeros((0, 3), np.float32)
+        self._colors = RememberedColors(0)
         self._place: tuple[object, ...] = ()
         self._table: Float64[ndarray, "f 18"] = np.zeros((0, 18))
 
-    def recall(self, placed: PlacedSplats, position: Float64[ndarray, "3"]) -> Float32[ndarray, "n 3"]:
-        """Take the colours known of all splats from a place in the world, -1 where none are; what is found out may be
-        written there. Empty where splats look alike from everywhere."""
+    def recall(self, placed: PlacedSplats, position: Float64[ndarray, "3"]) -> RememberedColors:
+        """Take the colours known of all splats from a place in the world; what is found out may be written there.
+
+        Of none where splats look alike from everywhere.
+        """
         state = placed.state
         if not state.gaussians.sh_rest.shape[1]:
-            return np.zeros((0, 3), np.float32)
-        arrays = (placed, state.nodes, state.move_entries, state.color_entries, state.color_values)
-        same = len(self._place) == len(arrays) + 1 and all(
-            kept is array for kept, array in zip(self._place, arrays, strict=False)
-        )
-        if not same or self._place[-1] != position.tobytes() or not np.array_equal(self._table, placed.frame_table):
-            if len(self._colors) != len(placed.means):
-                self._colors = np.empty((len(placed.means), 3), np.float32)
-            self._colors.fill(_UNKNOWN)
-            self._place, self._table = (*arrays, position.tobytes()), placed.frame_table
+            self._place, self._colors = (), RememberedColors(0)  # what another scene's took is free again
+            return self._colors
+        place = (placed, state.nodes, state.move_entries, state.color_entries, state.color_values, position.tobytes())
+        same = len(place) == len(self._place) and all(a is b for a, b in zip(place[:-1], self._place, strict=False))
+        if not same or place[-1] != self._place[-1] or not np.array_equal(self._table, placed.frame_table):
+            if len(self._colors.colors) != len(placed.means):
+                self._colors = RememberedColors(len(placed.means))
+            self._colors.forget()
+            self._place, self._table = place, placed.frame_table
         return self._colors

@@ -18,12 +18,10 @@ from instdrive_core.rasterize.kernels.simd import (
     LaneBlock,
     build_block,
     choose,
-    fill_lanes,
     find_lowest_bit,
     intrinsic,
     load,
     load_block,
-    pack_lane_bits,
     prefetch,
     store_block,
     unpack_lane_bits,
@@ -39,6 +37,20 @@ _CUBIC = 15
 """Coefficients above the constant of harmonics of degree 3."""
 _ROWS = np.uint64(CHUNK)
 _DARKEST = float(np.finfo(np.float32).min)
+
+
+class RememberedColors:
+    """Colours of n splats as they are seen from one place, as far as they are known."""
+
+    def __init__(self, count: int) -> None:
+        self.colors = np.empty((count, 3), np.float32)
+        """RGB; undefined where it is not known."""
+        self.known = np.zeros(-(-count // _WIDTH), np.uint16)
+        """Bits of those that are known among each sixteen rows."""
+
+    def forget(self) -> None:
+        """Know none of them any more."""
+        self.known[:] = 0
 
 
 @dataclass(frozen=True)
@@ -57,9 +69,8 @@ class ColorSource:
     """[A | b] of each entry: max(A c + b, 0) is shown for c."""
     sources: Int32[ndarray, " n"] = field(default_factory=lambda: np.zeros(0, np.int32))
     """Row of `sh_dc` and `sh_rest` that each splat takes; empty where they lie in the same order."""
-    remembered: Float32[ndarray, "m 3"] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
-    """Colours that these rows (m = n) have from this place, -1 where that is not known: what is found is written here.
-    Empty where none are remembered, as where there are `sources`."""
+    remembered: RememberedColors = field(default_factory=lambda: RememberedColors(0))
+    """Colours of these rows that are known, or of no rows, as where there are `sources`; new ones are written there."""
     known: bool = False
     """Whether `sh_dc` holds the colours themselves, from any direction."""
 
@@ -69,7 +80,7 @@ class ColorSource:
         return (
             (
                 *(to_kernel_array(self.sh_dc), to_kernel_array(self.sh_rest), self.sources),
-                *(np.array(tone, np.float32), self.remembered),
+                *(np.array(tone, np.float32), self.remembered.colors, self.remembered.known),
             ),
             (self.frames, to_kernel_array(self.rotations)),
             (np.require(self.entries, np.uint16, ["C", "W"]), to_kernel_array(self.matrices)),
@@ -85,12 +96,12 @@ def know_colors(colors: Float32[ndarray, "n 3"]) -> ColorSource:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def color_chunk(chunk, start, count, dc, rest, sources, tone, remembered, frames, rotations, entries, matrices):
+def color_chunk(chunk, start, count, dc, rest, sources, tone, remembered, known, frames, rotations, entries, matrices):
     """Write RGB of the visible rows among `count` from `start` on into the chunk's columns."""
     columns, directions, places, values = chunk.columns, chunk.directions, chunk.places, chunk.basis
     width, basis, fresh = np.uint64(3 * len(values)), values.reshape(-1), chunk.fresh
     groups = (count + _LANES - np.uint64(1)) // _LANES
-    if not _recall(chunk.seen, start, groups, remembered, columns, fresh):
+    if not _recall(chunk.seen, start, groups, remembered, known, columns, fresh):
         return
     if width:
         if len(frames):
@@ -134,39 +145,41 @@ def color_chunk(chunk, start, count, dc, rest, sources, tone, remembered, frames
         at = group * COLUMNS + AT_COLOR * _LANES
         for place in range(at, at + np.uint64(3) * _LANES):
             columns[place] = max(columns[place], tone[2])
-    _remember(start, groups, columns, fresh, remembered)
+    _remember(start, groups, columns, fresh, remembered, known)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def _recall(seen, start, groups, remembered, columns, fresh):
+def _recall(seen, start, groups, remembered, known, columns, fresh):
     """Write the colours that are remembered for all visible rows of a group; `fresh` gets the bits of other groups'
     visible rows. Returns whether there are any."""
     rows, any_fresh = np.uint64(len(remembered) // 3), False
     for group in range(groups):
         first, visible = start + group * _LANES, seen[group]
         fresh[group] = visible
-        if first + _LANES <= rows:
+        if first + _LANES <= rows and np.uint64(known[first // _LANES]) & visible == visible:
             colors = load_columns(3, remembered, first * np.uint64(3))
-            known = np.uint64(pack_lane_bits(take_member(colors, 0) >= fill_lanes(np.float32(0))))
-            if known & visible == visible:
-                store_block(columns, group * COLUMNS + AT_COLOR * _LANES, _LANES, colors)
-                fresh[group] = np.uint64(0)
+            store_block(columns, group * COLUMNS + AT_COLOR * _LANES, _LANES, colors)
+            fresh[group] = np.uint64(0)
         any_fresh |= fresh[group] != np.uint64(0)
     return any_fresh
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def _remember(start, groups, columns, fresh, remembered):
+def _remember(start, groups, columns, fresh, remembered, known):
+    """Write down the colours of the fresh rows, beside those of their group that are known."""
     rows = np.uint64(len(remembered) // 3)
     for group in range(groups):
         first, at = start + group * _LANES, group * COLUMNS + AT_COLOR * _LANES
         if fresh[group] and first + _LANES <= rows:
-            place, visible = first * np.uint64(3), unpack_lane_bits(np.uint16(fresh[group]))
-            old = load_columns(3, remembered, place)
-            red = choose(visible, load(columns, at), take_member(old, 0))
-            green = choose(visible, load(columns, at + _LANES), take_member(old, 1))
-            blue = choose(visible, load(columns, at + _LANES + _LANES), take_member(old, 2))
+            place, new = first * np.uint64(3), np.uint16(fresh[group])
+            red, green, blue = load(columns, at), load(columns, at + _LANES), load(columns, at + _LANES + _LANES)
+            old = known[first // _LANES] & ~new
+            if old:
+                kept, before = unpack_lane_bits(np.uint16(old)), load_columns(3, remembered, place)
+                red, green = choose(kept, take_member(before, 0), red), choose(kept, take_member(before, 1), green)
+                blue = choose(kept, take_member(before, 2), blue)
             store_block(remembered, place, _LANES, interleave_lanes(build_block(red, green, blue)))
+            known[first // _LANES] |= new
 
 
 @intrinsic(prefer_literal=True)

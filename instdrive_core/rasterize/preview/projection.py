@@ -277,6 +277,6 @@ def _project(arrays, last, view, constants, harmonics, turned, recolored, writte
                 _project_chunk(*part, np.uint64(0), np.uint64(1), view, constants, room, whole)
             color_chunk(
                 *(room, start, here, dc, rest, harmonics[2], harmonics[3], remembered),
-                *(turned[0], rotations, recolored[0], matrices),
+                *(harmonics[5], turned[0], rotations, recolored[0], matrices),
             )
             _write_chunk(room, start, here, first_row, flat, depths, boxes)
