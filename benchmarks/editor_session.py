@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import moderngl
@@ -94,13 +95,16 @@ class DrivenEditor:
         """Look through a camera."""
         self.session.navigation.look_from(Viewpoint(pose.world_from_camera, Intrinsics.from_camera(pose)))
 
-    def fps_still(self, count: int) -> float:
-        """Frames per second at full resolution, each from another place."""
+    def fps_still(self, count: int, step: float = 0.0) -> float:
+        """Frames per second at full resolution: each turned otherwise, and from `step` metres farther ahead."""
         start, seconds = self.session.state.viewpoint, []
         for number in range(count + 2):
             view = camera.look(start, 0.1 * math.sin(number), 0.0)
             snapshot = resolve(self.session.state, *self.size)
-            snapshot = type(snapshot)(**{**vars(snapshot), "camera": view.fit_camera(*self.size)})
+            pose = view.fit_camera(*self.size)
+            ahead = pose.world_from_camera.copy()
+            ahead[:3, 3] += number * step * ahead[:3, 2]
+            snapshot = replace(snapshot, camera=replace(pose, world_from_camera=ahead))
             began = time.perf_counter()
             self.view.renderer.render(snapshot)
             seconds.append(time.perf_counter() - began)

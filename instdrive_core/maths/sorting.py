@@ -13,11 +13,6 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt32
 from numpy import ndarray
 
-from instdrive_core.maths.workspace import Workspace
-
-_CHUNKS = 4
-"""Rows are dealt to this many parallel counters; the result does not depend on it."""
-
 
 def sort_front_to_back(depths: Float32[ndarray, " n"], near: float = 0.0) -> Int32[ndarray, " m"]:
     """Find the rows of depths above `near` (≥ 0), nearest first; equal depths in rising row order.
@@ -35,37 +30,9 @@ def sort_back_to_front(depths: Float32[ndarray, " n"], near: float) -> UInt32[nd
     return sort_front_to_back(depths, near)[::-1].astype(np.uint32)
 
 
-def sort_in_parallel(depths: Float32[ndarray, " n"], workspace: Workspace) -> Int32[ndarray, " m"]:
-    """Find the rows of depths above 0 as `sort_front_to_back` does, on all cores.
-
-    The answer lies in the workspace: it lasts until the next call with the same one.
-    """
-    kept, lowest, highest = (np.zeros(_CHUNKS, np.int64) for _ in range(3))
-    _survey(depths, np.float32(0), kept, lowest, highest)
-    total = int(kept.sum())
-    if total == 0:
-        return np.zeros(0, np.int32)
-    base = int(lowest[kept > 0].min())
-    digits = _choose_digits(base, int(highest.max()))
-    first = np.concatenate([np.zeros(1, np.int64), np.cumsum(kept)])
-    rows, half_rows = (workspace.get_array(f"order {name}", (total,), np.int32) for name in "ab")
-    keys, half_keys = (workspace.get_array(f"order keys {name}", (total,), np.uint32) for name in "ab")
-    counters = np.zeros((_CHUNKS, 1 << digits), np.int32)
-    _compact(depths, np.float32(0), np.uint32(base), first, rows, keys, counters)
-    _turn_into_cursors(counters)
-    _scatter(rows, keys, first, 0, counters, half_rows, half_keys)
-    even = np.arange(_CHUNKS + 1) * total // _CHUNKS
-    counters[:] = 0
-    _count(half_keys, even, digits, counters)
-    _turn_into_cursors(counters)
-    _scatter(half_rows, half_keys, even, digits, counters, rows, keys)
-    return rows
-
-
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check  # the tests' shape checks cannot be compiled
 def _sort(depths, near):
-    """Run the passes of `sort_in_parallel` one after the other, with a single chunk."""
     count, low, high = _survey_chunk(depths, near, 0, len(depths))
     rows, half_rows = np.empty(count, np.int32), np.empty(count, np.int32)
     if count == 0:
@@ -148,36 +115,3 @@ def _scatter_chunk(rows, keys, start, stop, shift, cursors, out_rows, out_keys):
         target = np.uint64(cursors[digit])
         cursors[digit] += 1
         out_rows[target], out_keys[target] = rows[place], keys[place]
-
-
-@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-@no_type_check
-def _survey(depths, near, kept, lowest, highest):
-    count = len(depths)
-    for chunk in numba.prange(_CHUNKS):
-        start, stop = count * chunk // _CHUNKS, count * (chunk + 1) // _CHUNKS
-        kept[chunk], lowest[chunk], highest[chunk] = _survey_chunk(depths, near, start, stop)
-
-
-@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-@no_type_check
-def _compact(depths, near, base, first, rows, keys, counters):
-    count = len(depths)
-    for chunk in numba.prange(_CHUNKS):
-        start, stop = count * chunk // _CHUNKS, count * (chunk + 1) // _CHUNKS
-        _compact_chunk(depths, near, base, start, stop, first[chunk], rows, keys, counters[chunk])
-
-
-@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-@no_type_check
-def _count(keys, bounds, shift, counters):
-    for chunk in numba.prange(_CHUNKS):
-        _count_chunk(keys, bounds[chunk], bounds[chunk + 1], shift, counters[chunk])
-
-
-@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-@no_type_check
-def _scatter(rows, keys, bounds, shift, cursors, out_rows, out_keys):
-    for chunk in numba.prange(_CHUNKS):
-        start, stop = bounds[chunk], bounds[chunk + 1]
-        _scatter_chunk(rows, keys, start, stop, shift, cursors[chunk], out_rows, out_keys)

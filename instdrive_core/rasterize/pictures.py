@@ -16,7 +16,8 @@ from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings
 from instdrive_core.rasterize.kernels.view_colors import compute_colors
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, Preview
-from instdrive_core.rasterize.preview.splats import project_splats
+from instdrive_core.rasterize.preview.colors import know_colors
+from instdrive_core.rasterize.preview.projection import project_splats
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.rasterize.splat_looks import (
     DOT_LOG_SCALE,
@@ -96,10 +97,10 @@ def _draw_rings(scene: Scene, camera: Camera, time: float) -> tuple[UInt8[ndarra
     means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     opacities = np.where(present[scene.nodes], gaussians.opacities, np.float32(0))
     means, quats, opacities = (to_kernel_array(array) for array in (means, quats, opacities))
-    found = project_splats(
-        means, quats, to_kernel_array(gaussians.log_scales), opacities, camera, settings, Workspace()
-    )
-    found.colors[:] = compute_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
+    log_scales = to_kernel_array(gaussians.log_scales)
+    colors = compute_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
+    source = know_colors(colors)
+    found = project_splats(means, quats, log_scales, opacities, camera, settings, source, Workspace())
     picture = paint_rings(found, shown.winner, RING_RULE.min_alpha)
     there = np.where(shown.winner >= 0, 255, 0).astype(np.uint8)[..., None]
     return np.round(np.clip(picture, 0, 1) * 255).astype(np.uint8), there

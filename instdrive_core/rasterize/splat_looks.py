@@ -12,17 +12,10 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from numpy import ndarray
 
-from instdrive_core.rasterize.kernels.project import (
-    CONIC_XX,
-    CONIC_XY,
-    CONIC_YY,
-    MEAN_X,
-    MEAN_Y,
-    OPACITY,
-)
+from instdrive_core.rasterize.kernels.fragment import EIGHTH
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.rasterize.preview import PickRule
-from instdrive_core.rasterize.preview.splats import ProjectedSplats
+from instdrive_core.rasterize.preview.splats import AT_A, AT_B, AT_C, AT_COLOR, AT_OPACITY, AT_X, AT_Y, ProjectedSplats
 
 DOT_SETTINGS = RasterSettings(low_pass=0.8)
 """Dots are what the low-pass makes of a point: about two pixels wide, as large near by as far away."""
@@ -58,13 +51,13 @@ def paint_rings(
     """
     picture = np.empty((*winner.shape, 3), np.float32)
     shading = np.array([min_alpha, RIM, INSIDE, RIM_LIGHT, *behind], np.float32)
-    _paint(found.splats, found.colors, winner, shading, picture)
+    _paint(found.lines, winner, shading, picture)
     return picture
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 @no_type_check
-def _paint(splats, colors, winner, shading, picture):
+def _paint(lines, winner, shading, picture):
     min_alpha, rim, inside, light = shading[0], shading[1], shading[2], shading[3]
     for y in numba.prange(winner.shape[0]):
         for x in range(winner.shape[1]):
@@ -73,12 +66,11 @@ def _paint(splats, colors, winner, shading, picture):
                 for channel in range(3):
                     picture[y, x, channel] = shading[4 + channel]
                 continue
-            dx = np.float32(x) + np.float32(0.5) - splats[row, MEAN_X]
-            dy = np.float32(y) + np.float32(0.5) - splats[row, MEAN_Y]
-            square = splats[row, CONIC_XX] * dx * dx + splats[row, CONIC_YY] * dy * dy
-            square += np.float32(2) * splats[row, CONIC_XY] * dx * dy
-            edge = np.float32(2) * np.log(max(splats[row, OPACITY] / min_alpha, np.float32(1.0001)))
+            dx, dy = np.float32(x) - lines[row, AT_X], np.float32(y) - lines[row, AT_Y]
+            u, v = lines[row, AT_A] * dx + lines[row, AT_B] * dy, lines[row, AT_C] * dy
+            square = (u * u + v * v) / (np.float32(0.5) * EIGHTH)
+            edge = np.float32(2) * np.log(max(lines[row, AT_OPACITY] / min_alpha, np.float32(1.0001)))
             on_rim = square > rim * edge
-            for channel in range(3):
-                color = min(colors[row, channel], np.float32(1))
+            for channel in range(np.uint64(3)):
+                color = min(lines[row, AT_COLOR + channel], np.float32(1))
                 picture[y, x, channel] = min(color + light, np.float32(1)) if on_rim else color * inside

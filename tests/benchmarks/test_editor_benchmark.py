@@ -10,6 +10,7 @@ KEYS = {
     *(
         "fps_200k_720p",
         "fps_1m_720p",
+        "fps_1m_720p_elsewhere",
         "fps_1m_720p_moving",
         "click_ms_1m",
         "delete_ms_1m",

@@ -1,4 +1,4 @@
-"""The depth sorts, of one thread and of all cores, equal numpy's stable argsort, whatever the values."""
+"""The depth sorts equal numpy's stable argsort, whatever the values."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from instdrive_core.maths.sorting import sort_back_to_front, sort_front_to_back, sort_in_parallel
-from instdrive_core.maths.workspace import Workspace
+from instdrive_core.maths.sorting import sort_back_to_front, sort_front_to_back
 
 DEPTHS = arrays(np.float32, st.integers(0, 200), elements=st.floats(-10, 1000, width=32))
 
@@ -28,21 +27,18 @@ def test_rows_without_a_finite_depth_are_left_out():
 
 @pytest.mark.parametrize("count", [0, 1, 7, 3000, 70_000])
 def test_rows_come_nearest_first_and_equal_depths_in_row_order(count):
-    rng, workspace = np.random.default_rng(count), Workspace()
-    for _ in range(2):  # the second time in used memory
-        depths = (rng.gamma(2, 10, count) + 0.1).astype(np.float32)
-        depths[rng.random(count) < 0.3] = 0
-        depths[rng.random(count) < 0.2] = 2.5
-        depths[rng.random(count) < 0.01] = rng.choice([np.nan, np.inf, -1.0])
-        kept = np.flatnonzero((depths > 0) & (depths < np.inf))
-        expected = kept[np.argsort(depths[kept], kind="stable")]
-        np.testing.assert_array_equal(sort_in_parallel(depths, workspace), expected)
-        np.testing.assert_array_equal(sort_front_to_back(depths), expected)
+    rng = np.random.default_rng(count)
+    depths = (rng.gamma(2, 10, count) + 0.1).astype(np.float32)
+    depths[rng.random(count) < 0.3] = 0
+    depths[rng.random(count) < 0.2] = 2.5
+    depths[rng.random(count) < 0.01] = rng.choice([np.nan, np.inf, -1.0])
+    kept = np.flatnonzero((depths > 0) & (depths < np.inf))
+    expected = kept[np.argsort(depths[kept], kind="stable")]
+    np.testing.assert_array_equal(sort_front_to_back(depths), expected)
 
 
 @pytest.mark.parametrize("extremes", [(1e-30, 1e30), (0.1, 0.1), (5.0, np.nextafter(np.float32(5), 6))])
 def test_any_range_of_depths(extremes):
     depths = np.array([*extremes, *extremes[::-1]], np.float32)
     expected = np.argsort(depths, kind="stable")
-    for found in (sort_in_parallel(depths, Workspace()), sort_front_to_back(depths)):
-        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(sort_front_to_back(depths), expected)

@@ -18,6 +18,7 @@ from instdrive_app.render.frame_keys import (
     round_to_figure,
 )
 from instdrive_app.render.picture_colors import BACKDROP
+from instdrive_app.render.software.color_memory import ColorMemory
 from instdrive_app.render.software.merged_splats import MergedSplats
 from instdrive_app.render.software.picture import add_outlines, paint_color, paint_depth, paint_ids, paint_safe_ids
 from instdrive_app.render.software.placed_splats import PlacedSplats
@@ -30,8 +31,9 @@ from instdrive_core.rasterize.importance import select_most_important
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.kernels.sky_behind import add_sky
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, Preview, blend_projected
-from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview.splats import ProjectedSplats, project_splats
+from instdrive_core.rasterize.preview.colors import ColorSource
+from instdrive_core.rasterize.preview.projection import project_part, project_splats
+from instdrive_core.rasterize.preview.splats import ProjectedSplats
 from instdrive_core.rasterize.splat_looks import DOT_LOG_SCALE, DOT_SETTINGS, RING_RULE, make_dots, paint_rings
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
@@ -80,6 +82,7 @@ class SoftwareDraw:
         """Drafts of scenes with more splats than `fewest` are drawn with levels of detail."""
         self._workspace, self._fewest = Workspace(), fewest
         self._placed: PlacedSplats | None = None
+        self._colors = ColorMemory()
         self._blended: Preview | None = None
         self._winner = np.zeros((0, 0), np.int32)
         self._found: ProjectedSplats | None = None
@@ -147,9 +150,10 @@ class SoftwareDraw:
             settings, opacities = DOT_SETTINGS, make_dots(opacities, snapshot.id_opacity)
             log_scales = np.full_like(log_scales, DOT_LOG_SCALE)
         shapes = placed.means, placed.quats, log_scales, opacities
-        found = project_splats(*shapes, camera, settings, workspace)
-        check()
-        write_colors(found, _build_color_source(placed), placed.means, camera.position)
+        source = _build_color_source(placed)
+        if not snapshot.draft:
+            source = replace(source, remembered=self._colors.recall(placed, camera.position))
+        found = project_splats(*shapes, camera, settings, source, workspace)
         check()
         self._finish(found, placed, camera, snapshot, settings)
 
@@ -175,11 +179,11 @@ class SoftwareDraw:
         cut = choose(camera, settings.near, workspace)
         if cut is None:
             return False
-        found = project_splats(cut.means, cut.quats, cut.log_scales, cut.opacities, camera, settings, workspace)
-        splats, nodes = merged.build_sources(cut, _build_color_source(placed))
-        middle, end = cut.splat_count, len(cut.means)
-        write_colors(found.take_part(0, middle), splats, cut.means[:middle], camera.position)
-        write_colors(found.take_part(middle, end), nodes, cut.means[middle:], camera.position)
+        found, middle = ProjectedSplats(len(cut.means), workspace), cut.splat_count
+        sources = merged.build_sources(cut, _build_color_source(placed))
+        for part, source in zip((slice(0, middle), slice(middle, len(cut.means))), sources, strict=True):
+            shapes = cut.means[part], cut.quats[part], cut.log_scales[part], cut.opacities[part]
+            project_part(*shapes, camera, settings, source, found.take_part(part.start, part.stop))
         self._finish(found, placed, camera, snapshot, settings)
         self._winner = np.append(cut.rows, np.int32(-1))[self._winner]
         return True

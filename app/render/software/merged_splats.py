@@ -14,7 +14,7 @@ from instdrive_app.render.software.placed_splats import PlacedSplats
 from instdrive_app.render.software.scene import SceneState
 from instdrive_core.available_memory import measure_available_memory
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.detail.cut import Cut, choose_cut
+from instdrive_core.rasterize.detail.cut import Cut, choose_cut, count_blocks_in_view
 from instdrive_core.rasterize.detail.fit import LeafState, NodeState
 from instdrive_core.rasterize.detail.gather import CutSplats, gather_cut
 from instdrive_core.rasterize.detail.tree import build_detail_tree
@@ -27,6 +27,8 @@ half resolution trained streets keep 32 dB, and what is coarser than the last at
 _START = 2.0
 _SPARE = 0.4
 """Share of its time below which the finest draft at half resolution leaves room for one at whole resolution."""
+_WORTH_CULLING = 0.6
+"""Share of blocks in view above which looking at all splats is faster than gathering those in view."""
 _BYTES = 120
 """Memory that each splat needs while the tree is built; a third of it remains."""
 
@@ -73,11 +75,11 @@ class MergedSplats:
         return self._gather(choose_cut(nodes, camera, self._tolerance, near, workspace), nodes, leaves, workspace)
 
     def cull(self, camera: Camera, near: float, workspace: Workspace) -> CutSplats | None:
-        """Find all splats that a view may show; None where that is most of the scene, and gathering them is no gain."""
+        """Find all splats that a view may show; None where they are so many that gathering them is no gain."""
         nodes, leaves = self._update()
-        cut = choose_cut(nodes, camera, 0.0, near, workspace)
-        if 2 * len(cut.splats) > len(leaves.means):
+        if count_blocks_in_view(nodes, camera, near) > _WORTH_CULLING * nodes.tree.block_count:
             return None
+        cut = choose_cut(nodes, camera, 0.0, near, workspace)
         return self._gather(replace(cut, splats=np.sort(cut.splats)), nodes, leaves, workspace)
 
     def _gather(self, cut: Cut, nodes: NodeState, leaves: LeafState, workspace: Workspace) -> CutSplats:

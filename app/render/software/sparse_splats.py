@@ -10,8 +10,9 @@ from instdrive_app.render.software.placed_splats import PlacedSplats
 from instdrive_core.formats.allocation import enlarge_splats
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.settings import RasterSettings
-from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview.splats import ProjectedSplats, project_splats
+from instdrive_core.rasterize.preview.colors import ColorSource
+from instdrive_core.rasterize.preview.projection import project_splats
+from instdrive_core.rasterize.preview.splats import ProjectedSplats
 from instdrive_core.scene.camera import Camera
 
 LEAST, MOST = 2_000_000, 300_000
@@ -38,8 +39,6 @@ class SparseSplats:
     ) -> ProjectedSplats:
         """Project and colour them; `source` is that of the whole scene."""
         shapes = self._means, self._quats, self._log_scales, self._opacities
-        found = project_splats(*shapes, camera, settings, workspace)
         frames = source.frames[self.rows] if len(source.frames) else source.frames
         own = replace(source, frames=frames, entries=source.entries[self.rows], sources=self.rows)
-        write_colors(found, own, self._means, camera.position)
-        return found
+        return project_splats(*shapes, camera, settings, own, workspace)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Float32, Int32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
@@ -37,17 +37,25 @@ def choose_cut(state: NodeState, camera: Camera, tolerance: float, near: float, 
     blocks = tree.block_count
     listed = workspace.get_array("cut", (blocks, BLOCK), np.int32)
     counts = np.zeros((blocks, 2), np.int64)
-    view = (
-        camera_to_row(camera),
-        build_edge_normals(*camera.find_edge_slopes(_MARGIN)).astype(np.float32),
-        np.float32(near),
-    )
+    view = _build_view(camera, near)
     nodes = (state.spheres, state.rows, state.spreads)
     _choose(view, np.float32(tolerance), (tree.order, tree.starts), nodes, listed, counts)
     ends = np.cumsum(counts, axis=0)
     cut = Cut(np.empty(ends[-1, 0] if blocks else 0, np.int32), np.empty(ends[-1, 1] if blocks else 0, np.int32))
     _collect(listed, counts, ends - counts, cut.splats, cut.nodes)
     return cut
+
+
+def count_blocks_in_view(state: NodeState, camera: Camera, near: float) -> int:
+    """Count the blocks of 1,024 neighbours that may reach into the view; `near` as for `choose_cut`."""
+    first = state.tree.starts[LEVELS]
+    tops = (state.spheres[first:], state.rows[first:], state.spreads[first:])
+    return _count(_build_view(camera, near), tops, state.tree.block_count)
+
+
+def _build_view(camera: Camera, near: float) -> tuple[Float32[ndarray, " 22"], Float32[ndarray, "4 3"], np.float32]:
+    edges = build_edge_normals(*camera.find_edge_slopes(_MARGIN)).astype(np.float32)
+    return camera_to_row(camera), edges, np.float32(near)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "afn"})
@@ -71,6 +79,15 @@ def _judge(view, tolerance, sphere, row, spread):
     if not distance > near:
         return 2
     return 1 if row_of_view[12] * spread < tolerance * distance else 2
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _count(view, tops, blocks):
+    found = 0
+    for block in range(blocks):
+        if _judge(view, np.float32(0), tops[0][block], tops[1][block], tops[2][block]) != 0:
+            found += 1
+    return found
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")

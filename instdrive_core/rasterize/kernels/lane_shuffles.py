@@ -1,4 +1,4 @@
-"""Shuffles that turn lanes holding blocks of 4 × 4 pixels into rows of pictures."""
+"""Shuffles: blocks of 4 × 4 pixels into rows of pictures, and records of several numbers into lanes and back."""
 
 from __future__ import annotations
 
@@ -91,3 +91,123 @@ def store_up_to(typingctx, count, array, place, value):
         return context.get_dummy_value()
 
     return types.void(types.int64, array, types.uint64, lanes), codegen
+
+
+@intrinsic(prefer_literal=True)
+def load_columns(typingctx, count, array, place):
+    """Load sixteen records of `count` numbers (a literal, 3 or 4) that lie side by side: lanes for each number."""
+    if not isinstance(count, types.IntegerLiteral):
+        return None
+    parts = count.literal_value
+
+    def codegen(context, builder, signature, args):
+        _, array, place = args
+        rows = []
+        for k in range(parts):
+            at = builder.add(place, ir.IntType(64)(k * WIDTH))
+            rows.append(_load_at(context, builder, signature.args[1], array, at))
+        return _join_members(context, builder, signature, [_pick_every(builder, rows, part) for part in range(parts)])
+
+    return LaneBlock(parts)(count, array, types.uint64), codegen
+
+
+@intrinsic
+def load_turned(typingctx, array, places, shift):
+    """Load sixteen numbers from `shift` on of each of sixteen places (an array of uint64): lanes for each number."""
+
+    def codegen(context, builder, signature, args):
+        array, places, shift = args
+        at, rows = context.make_array(signature.args[1])(context, builder, places).data, []
+        for k in range(WIDTH):
+            place = builder.add(builder.load(builder.gep(at, [_INT32(k)])), shift)
+            rows.append(_load_at(context, builder, signature.args[0], array, place))
+        return _join_members(context, builder, signature, _turn_square(builder, rows))
+
+    return LaneBlock(WIDTH)(array, places, types.uint64), codegen
+
+
+@intrinsic
+def store_records(typingctx, source, place, wanted, target, target_place):
+    """Turn sixteen lanes that lie one after the other into records, and write those wanted (bits of a uint64) to
+    cache lines of another array past the caches: they are not read again soon."""
+
+    def codegen(context, builder, signature, args):
+        source, place, wanted, target, target_place = args
+        places = [builder.add(place, ir.IntType(64)(k * WIDTH)) for k in range(WIDTH)]
+        rows = _turn_square(builder, [_load_at(context, builder, signature.args[0], source, at) for at in places])
+        data = context.make_array(signature.args[3])(context, builder, target).data
+        aside = builder.module.add_metadata([_INT32(1)])
+        all_of_them = builder.icmp_unsigned("==", wanted, wanted.type(0xFFFF))
+        with builder.if_else(all_of_them) as (whole, part):
+            for branch, chosen in ((whole, False), (part, True)):
+                with branch:
+                    for k, row in enumerate(rows):
+                        bit = builder.trunc(builder.lshr(wanted, wanted.type(k)), ir.IntType(1))
+                        with builder.if_then(bit if chosen else bit.type(1)):
+                            at = builder.gep(data, [builder.add(target_place, ir.IntType(64)(k * WIDTH))])
+                            stored = builder.store(row, builder.bitcast(at, _VECTOR.as_pointer()), align=4 * WIDTH)
+                            stored.set_metadata("nontemporal", aside)
+        return context.get_dummy_value()
+
+    return types.void(source, types.uint64, types.uint64, target, types.uint64), codegen
+
+
+@intrinsic
+def pack_pairs(typingctx, first, second, third, fourth):
+    """Pack four whole numbers below 65,536 into eight bytes, sixteen times: a block of two lanes, to be stored as they
+    are."""
+
+    def codegen(context, builder, signature, args):
+        integers = ir.VectorType(_INT32, WIDTH)
+        numbers = [builder.fptosi(value, integers) for value in args]
+        shift = ir.Constant(integers, [16] * WIDTH)
+        low, high = (builder.or_(numbers[k], builder.shl(numbers[k + 1], shift)) for k in (0, 2))
+        halves = []
+        for start in (0, WIDTH // 2):
+            places = [start + k // 2 + (WIDTH if k % 2 else 0) for k in range(WIDTH)]
+            halves.append(builder.bitcast(_pick_lanes(builder, low, high, places), _VECTOR))
+        return _join_members(context, builder, signature, halves)
+
+    return LaneBlock(2)(lanes, lanes, lanes, lanes), codegen
+
+
+def _load_at(context, builder, array_type, array, place):
+    data = context.make_array(array_type)(context, builder, array).data
+    return builder.load(builder.bitcast(builder.gep(data, [place]), _VECTOR.as_pointer()), align=4)
+
+
+def _pick_every(builder, rows, part):
+    """Pick number `part` of each record out of rows in which records lie side by side."""
+    found = rows[0]
+    for k, row in enumerate(rows):
+        places = [lane * len(rows) + part - k * WIDTH for lane in range(WIDTH)]
+        chosen = [WIDTH + place if 0 <= place < WIDTH else lane for lane, place in enumerate(places)]
+        found = _pick_lanes(builder, found, row, chosen)
+    return found
+
+
+def _turn_square(builder, rows):
+    """Transpose sixteen rows of sixteen: fours of each row first, which then change places as wholes.
+
+    Each step is one that processors have an instruction for.
+    """
+    fours = range(0, WIDTH, _SIDE)
+    ones = [[four + k for four in fours for k in (low, low + WIDTH, low + 1, low + 1 + WIDTH)] for low in (0, 2)]
+    twos = [[four + k for four in fours for k in (low, low + 1, low + WIDTH, low + 1 + WIDTH)] for low in (0, 2)]
+    turned = []
+    for k in fours:
+        near = [_pick_lanes(builder, rows[k], rows[k + 1], places) for places in ones]
+        far = [_pick_lanes(builder, rows[k + 2], rows[k + 3], places) for places in ones]
+        turned += [_pick_lanes(builder, near[half], far[half], places) for half in (0, 1) for places in twos]
+    halves = [
+        [_SIDE * four + k + side for side in (0, WIDTH) for four in (low, low + 2) for k in range(_SIDE)]
+        for low in (0, 1)
+    ]
+    result = [rows[0]] * WIDTH
+    for column in range(_SIDE):
+        group = turned[column::_SIDE]
+        for low, places in enumerate(halves):
+            left, right = (_pick_lanes(builder, group[k], group[k + 1], places) for k in (0, 2))
+            for high, chosen in enumerate(halves):
+                result[_SIDE * (low + 2 * high) + column] = _pick_lanes(builder, left, right, chosen)
+    return result

@@ -69,12 +69,15 @@ from instdrive_core.rasterize.preview.splats import (
     AT_Y,
     SPLAT_FLOATS,
 )
+from instdrive_core.rasterize.preview.tile_order import new_counters, order_tile
 from instdrive_core.rasterize.preview.tiles import PreviewTiles
 
 _WIDTH = np.uint64(SPLAT_FLOATS)
 # A staged splat is its line, but for a·dx + b·dy and c·dy at the tile's corner in the places of its mean, and the
 # alpha from which its fragments are solid in the place of its opacity.
 _STAGED_U, _STAGED_V, _STAGED_SOLID = AT_X, AT_Y, AT_OPACITY
+_SHARE = np.uint64(BATCH) // BLOCKS
+"""Splats of the next batch that are fetched before each block."""
 _NEVER = np.float32(2)
 """No fragment has this alpha."""
 _SLACK = np.float32(1e-4)
@@ -82,32 +85,35 @@ _SLACK = np.float32(1e-4)
 
 
 def blend_preview(
-    packed: Float32[ndarray, "v 16"],
+    lines: Float32[ndarray, "n 16"],
     tiles: PreviewTiles,
     settings: RasterSettings,
     rule: Float32[ndarray, " 4"],
     behind: Float32[ndarray, " 3"],
     images: tuple[Float32[ndarray, "h w 3"], Float32[ndarray, "h w"], Float32[ndarray, "h w"], Int32[ndarray, "h w"]],
 ) -> None:
-    """Write colour, alpha, depth and winner as `Preview` holds them. `rule` is a `PickRule`'s row, `behind` an RGB."""
+    """Write colour, alpha, depth and winner as `Preview` holds them.
+
+    `lines` are those of `ProjectedSplats`, `rule` is a `PickRule`'s row, `behind` an RGB.
+    """
     color, alpha, depth, winner = images
     pictures = color.reshape(-1), alpha.reshape(-1), depth.reshape(-1), winner.reshape(-1).view(np.float32)
     size = np.array([*alpha.shape, tiles.columns], np.int64)
     limits = settings.min_alpha, settings.max_alpha, settings.min_transmittance, 0.125 * np.log2(settings.min_alpha)
-    lists = tiles.starts, tiles.splats
+    lists = tiles.starts, tiles.entries
     with numba.parallel_chunksize(1):
-        _blend(packed.reshape(-1), *lists, size, np.array(limits, np.float32), rule, behind, pictures)
+        _blend(lines.reshape(-1), *lists, size, np.array(limits, np.float32), rule, behind, pictures)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _fetch(packed, splats, start, stop):
+def _fetch(records, splats, start, stop):
     """Have splats fetched that will soon be staged."""
     for pair in range(start, stop):
-        prefetch(packed, np.uint64(splats[pair]) * _WIDTH)
+        prefetch(records, np.uint64(splats[pair]) * _WIDTH)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _stage(scratch, first, packed, splats, start, stop, corner, limits, rule):
+def _stage(scratch, first, records, splats, start, stop, corner, limits, rule):
     """Prepare a batch of splats in the slots from `first` on: what they are in the tile, which blocks they reach."""
     staged, blocks = scratch.staged, scratch.blocks
     columns, lines = load(scratch.corners, np.uint64(0)), load(scratch.corners, BLOCKS)
@@ -118,23 +124,23 @@ def _stage(scratch, first, packed, splats, start, stop, corner, limits, rule):
     for pair in range(start, stop):
         slot, at = first + pair - start, np.uint64(splats[pair]) * _WIDTH
         target = slot * LANES
-        a, b, c = packed[at + AT_A], packed[at + AT_B], packed[at + AT_C]
-        x, y = packed[at + AT_X] - corner[0], packed[at + AT_Y] - corner[1]
-        store(staged, target, load(packed, at))
+        a, b, c = records[at + AT_A], records[at + AT_B], records[at + AT_C]
+        x, y = records[at + AT_X] - corner[0], records[at + AT_Y] - corner[1]
+        store(staged, target, load(records, at))
         staged[target + _STAGED_U], staged[target + _STAGED_V] = -(a * x + b * y), -c * y
-        staged[target + _STAGED_SOLID] = solid if packed[at + AT_OPACITY] >= rule[0] else _NEVER
+        staged[target + _STAGED_SOLID] = solid if records[at + AT_OPACITY] >= rule[0] else _NEVER
         # Offsets of each block's columns and lines. If the mean lies outside, the exponent is largest on the side that
         # is nearest to it along one of the axes.
         left, upper = columns - x, lines - y
         right, lower = left + span, upper + span
         near_x, near_y = greatest(left, least(right, zero)), greatest(upper, least(lower, zero))
-        xy = packed[at + AT_COV_XY]
-        best_x = least(greatest((xy / packed[at + AT_COV_YY]) * near_y, left), right)
-        best_y = least(greatest((xy / packed[at + AT_COV_XX]) * near_x, upper), lower)
+        xy = records[at + AT_COV_XY]
+        best_x = least(greatest((xy / records[at + AT_COV_YY]) * near_y, left), right)
+        best_y = least(greatest((xy / records[at + AT_COV_XX]) * near_x, upper), lower)
         u, v = a * near_x + b * best_y, c * best_y
         other_u, other_v = a * best_x + b * near_y, c * near_y
         nearest = least(u * u + v * v, other_u * other_u + other_v * other_v)
-        blocks[slot] = pack_lane_bits(nearest <= packed[at + AT_BASE] - faintest)
+        blocks[slot] = pack_lane_bits(nearest <= records[at + AT_BASE] - faintest)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
@@ -215,17 +221,20 @@ def _any_open(scratch):
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _walk(scratch, packed, splats, start, stop, corner, limits, rule, median):
+def _walk(scratch, records, splats, start, stop, corner, limits, rule, median):
     """Blend a tile's splats; with `median`, after that, only find the splats that undecided pixels stand for."""
     first, last = np.uint64(0), np.uint64((KEPT_BATCHES - 1) * BATCH)
     end = min(start + np.uint64(BATCH), stop)
     while start < end:
         upcoming = min(end + np.uint64(BATCH), stop)
         if not median or first == last:  # what was staged before that is still there
-            _fetch(packed, splats, end, upcoming)  # while this batch is blended
-            _stage(scratch, first, packed, splats, start, end, corner, limits, rule)
+            _stage(scratch, first, records, splats, start, end, corner, limits, rule)
         reached = scratch.blocks[first : first + np.uint64(BATCH)]
         for block in range(BLOCKS):
+            # Some of the next batch are fetched before each block: all at once would have to wait for each other.
+            soon = end + block * _SHARE
+            for pair in range(soon, min(soon + _SHARE, upcoming)):
+                prefetch(records, np.uint64(splats[pair]) * _WIDTH)
             todo = find_members_with(reached, block)
             if todo != np.uint64(0) and scratch.open[block] != np.uint16(0):
                 if median:
@@ -238,21 +247,36 @@ def _walk(scratch, packed, splats, start, stop, corner, limits, rule, median):
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _blend(packed, starts, splats, size, limits, rule, behind, pictures):
+def _blend(records, starts, entries, size, limits, rule, behind, pictures):
     height, width, columns, tiles = np.uint64(size[0]), np.uint64(size[1]), size[2], len(starts) - 1
     color, alpha, depth, winner = pictures[0], pictures[1], pictures[2], pictures[3]
     for task in numba.prange((tiles + TILES_PER_TASK - 1) // TILES_PER_TASK):
-        scratch = new_scratch()
-        for tile in range(task * TILES_PER_TASK, min(tiles, (task + 1) * TILES_PER_TASK)):
+        scratch, counters, begin, end = (
+            new_scratch(),
+            new_counters(),
+            task * TILES_PER_TASK,
+            (task + 1) * TILES_PER_TASK,
+        )
+        end, longest = min(tiles, end), np.int64(0)
+        for tile in range(begin, end):
+            longest = max(longest, starts[tile + 1] - starts[tile])
+        room, splats = np.empty(2 * longest, np.uint64), np.empty(2 * longest, np.int32)
+        # The next tile's splats lie behind those of the one that is blended, and the other way round.
+        start, following = np.uint64(0), np.uint64(longest)
+        order_tile(entries, np.uint64(starts[begin]), np.uint64(starts[begin + 1]), counters, room, splats, start)
+        for tile in range(begin, end):
             left, top = np.uint64(tile % columns * TILE), np.uint64(tile // columns * TILE)
-            start, stop = np.uint64(starts[tile]), np.uint64(starts[tile + 1])
-            following = np.uint64(starts[min(tile + 2, tiles)])
-            _fetch(packed, splats, stop, min(stop + np.uint64(BATCH), following))
+            stop = start + np.uint64(starts[tile + 1] - starts[tile])
+            if tile + 1 < end:
+                first, last = np.uint64(starts[tile + 1]), np.uint64(starts[tile + 2])
+                order_tile(entries, first, last, counters, room, splats, following)
+                _fetch(records, splats, following, following + min(last - first, np.uint64(BATCH)))
             fetch_pictures(left, top, (color, alpha, depth), winner, height, width)
             corner = np.float32(left), np.float32(top)
             reset_scratch(scratch, width - left, height - top)
-            _walk(scratch, packed, splats, start, stop, corner, limits, rule, False)
+            _walk(scratch, records, splats, start, stop, corner, limits, rule, False)
             write_tile(scratch, left, top, (color, alpha, depth), behind, height, width)
             if judge_winners(scratch, rule):
-                _walk(scratch, packed, splats, start, stop, corner, limits, rule, True)
+                _walk(scratch, records, splats, start, stop, corner, limits, rule, True)
             write_winners(scratch, left, top, winner, height, width)
+            start, following = following, start

@@ -12,7 +12,9 @@ from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.preview.blend import blend_preview
-from instdrive_core.rasterize.preview.splats import ProjectedSplats, pack_splats, project_splats
+from instdrive_core.rasterize.preview.colors import know_colors
+from instdrive_core.rasterize.preview.projection import project_splats
+from instdrive_core.rasterize.preview.splats import ProjectedSplats
 from instdrive_core.rasterize.preview.tiles import bin_preview_splats
 from instdrive_core.scene.camera import Camera
 
@@ -71,8 +73,8 @@ def render_preview(
         to_kernel_array(array) for array in (means, quats, log_scales, opacities, colors)
     )
     workspace = Workspace()
-    found = project_splats(means, quats, log_scales, opacities, camera, settings, workspace)
-    found.colors[:] = colors
+    source = know_colors(colors)
+    found = project_splats(means, quats, log_scales, opacities, camera, settings, source, workspace)
     return blend_projected(found, camera, workspace, settings, rule)
 
 
@@ -84,13 +86,12 @@ def blend_projected(
     rule: PickRule = DEFAULT_PICK_RULE,
     behind: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Preview:
-    """Blend what `project_splats` found with the same camera and settings; its visible rows have their colours.
+    """Blend what `project_splats` found with the same camera and settings.
 
     `behind` is the RGB of what shows where splats let light through. Pictures lie in the workspace: they last until
     the next call with the same one. The winners are the caller's.
     """
-    packed = pack_splats(found, settings, workspace)
-    tiles = bin_preview_splats(packed, camera.width, camera.height, workspace)
+    tiles = bin_preview_splats(found, camera.width, camera.height, workspace)
     shape = (camera.height, camera.width)
     result = Preview(
         workspace.get_array("color", (*shape, 3)),
@@ -99,5 +100,5 @@ def blend_projected(
         np.empty(shape, np.int32),
     )
     images = (result.color, result.alpha, result.depth, result.winner)
-    blend_preview(packed, tiles, settings, rule.to_row(), np.array(behind, np.float32), images)
+    blend_preview(found.lines, tiles, settings, rule.to_row(), np.array(behind, np.float32), images)
     return result

@@ -8,8 +8,9 @@ from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS, Y0, evaluate_rest_basis
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS
-from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview.splats import project_splats
+from instdrive_core.rasterize.preview.colors import ColorSource
+from instdrive_core.rasterize.preview.projection import project_part
+from instdrive_core.rasterize.preview.splats import ProjectedSplats
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
@@ -27,9 +28,9 @@ def test_visible_rows_get_the_color_of_their_direction_in_their_frame(degree):
     )
     shapes = (np.ascontiguousarray(a, np.float32) for a in splats.arrays()[:3])
     means, quats, log_scales = shapes
-    found = project_splats(means, quats, log_scales, opacities, camera, DEFAULT_SETTINGS, Workspace())
+    found = ProjectedSplats(count, Workspace())
     found.colors[:] = -7
-    write_colors(found, source, means, camera.position)
+    project_part(means, quats, log_scales, opacities, camera, DEFAULT_SETTINGS, source, found)
 
     away = means - camera.position
     away /= np.linalg.norm(away, axis=1, keepdims=True)
