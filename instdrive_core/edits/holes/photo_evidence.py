@@ -13,7 +13,7 @@ from numpy import ndarray
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import Part, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
-from instdrive_core.edits.holes.photo_sights import OWN_SHARE, Photographed, PhotoSight
+from instdrive_core.edits.holes.photo_sights import OWN_SHARE, PhotographedSplats, PhotoSight
 from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_weights
@@ -114,7 +114,7 @@ def gather_photo_evidence(
         return None
     left = np.unique(np.concatenate([np.zeros(0, np.int64), *kept]))
     key = _fingerprint_photos(document, rows, left)
-    photographed = Photographed(document, rows, left)
+    photographed = PhotographedSplats(document, rows, left)
     if record is None or record.key != key:
         record = _make_record(photographed, rows, key)
     standing = (document.state.flags & Flag.DELETED) == 0
@@ -151,7 +151,7 @@ def _fingerprint_photos(document: Document, rows: Int64[ndarray, " k"], left: In
     return digest.digest()
 
 
-def _make_record(photographed: Photographed, rows: Int64[ndarray, " k"], key: bytes) -> PhotoRecord:
+def _make_record(photographed: PhotographedSplats, rows: Int64[ndarray, " k"], key: bytes) -> PhotoRecord:
     """Look at the photos that show most of the thing, and at those that show most of what these did not reach."""
     shapes, views = photographed.shapes, photographed.scene.views
     chosen = _choose_views(views, shapes.means[rows[photographed.opacities[rows] >= OWN_SHARE]].astype(np.float64))

@@ -55,7 +55,7 @@ class PhotoSight:
     """What the pixels of the silhouette, row-major, would show without the thing."""
 
 
-class Photographed:
+class PhotographedSplats:
     """A document's splats where the photos saw them: whatever was deleted is there, whatever was moved is back."""
 
     def __init__(self, document: Document, own: Int64[ndarray, " k"], kept: Int64[ndarray, " m"]) -> None:
