@@ -159,7 +159,9 @@ def _estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float
 def _find_nearest_rows(
     grid: GroundGrid, near: Neighborhood, flat: Int64[ndarray, " f"], cells: Int64[ndarray, "h 2"]
 ) -> Int64[ndarray, " h"]:
-    return np.asarray(KDTree(near.means[flat][:, :2]).query(grid.compute_centers(cells))[1])
+    return np.asarray(
+        KDTree(near.means[flat][:, :2], balanced_tree=False, compact_nodes=False).query(grid.compute_centers(cells))[1]
+    )
 
 
 def _find_replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:

@@ -111,7 +111,7 @@ class PhotographedSplats:
             changed[np.searchsorted(behind.indptr, np.flatnonzero(gone[behind.rows]), "right") - 1] = True
         if not changed.any():
             return behind
-        rows = np.union1d(sight.reach, added[arrived])
+        rows = np.union1d(sight.reach, added[arrived]) if len(arrived) else sight.reach
         rows = rows[standing[rows] & ~self.own[rows]]
         pixels = np.flatnonzero(sight.silhouette)[changed]
         again = weigh_projected(self._project(sight.time, sight.camera, rows), sight.camera, pixels, self.settings)
