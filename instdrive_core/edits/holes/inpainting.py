@@ -125,10 +125,17 @@ def continue_lines(
 
 
 def profile_lines(
-    values: Float64[ndarray, "a b"], known: Bool[ndarray, "a b"], reach: float
+    values: Float64[ndarray, "a b"],
+    known: Bool[ndarray, "a b"],
+    reach: float,
+    lowest: Bool[ndarray, " b"] | None = None,
 ) -> Float64[ndarray, "a b"]:
     """What every cell's line along axis 0 is like: the mean of what is known on it, where a cell `reach` cells farther
-    counts less by e. Lines on which nothing is known lie between those beside them; 0 where there are none at all."""
+    counts less by e. Lines on which nothing is known lie between those beside them; 0 where there are none at all.
+
+    Of the lines that are `lowest` it is known that they are like the lower of what lies on either side, where nothing
+    is known on them: what is between them and there, is like the other side.
+    """
     steps = np.arange(len(values))
     weights = np.exp(-np.abs(steps[:, None] - steps) / reach)
     sums, total = weights @ np.where(known, values, 0), weights @ known
@@ -136,8 +143,22 @@ def profile_lines(
     for profile, line_sums, line_total in zip(profiles, sums, total, strict=True):
         told = line_total >= MIN_TOLD
         if told.any():
-            profile[:] = np.interp(places, places[told], line_sums[told] / line_total[told])
+            found = line_sums[told] / line_total[told]
+            profile[:] = np.interp(places, places[told], found)
+            if lowest is not None:
+                _lower(profile, told, lowest)
     return profiles
+
+
+def _lower(profile: Float64[ndarray, " b"], told: Bool[ndarray, " b"], lowest: Bool[ndarray, " b"]) -> None:
+    """Write the lines on which nothing is known as `profile_lines` says, gap by gap between those that are told."""
+    lines = np.flatnonzero(told)
+    for left, right in zip(lines, lines[1:], strict=False):
+        low = left + 1 + np.flatnonzero(lowest[left + 1 : right])
+        if len(low):
+            profile[left + 1 : low[0]] = profile[left]
+            profile[low[0] : low[-1] + 1] = min(profile[left], profile[right])
+            profile[low[-1] + 1 : right] = profile[right]
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")

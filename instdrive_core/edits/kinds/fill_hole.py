@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Bool, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.bases.append import Addition, AppendEdit
@@ -30,9 +30,11 @@ from instdrive_core.edits.holes.cast_shadow import find_shaded_cells, lies_in_sh
 from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill, plan_nothing
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
+from instdrive_core.edits.holes.parking_lines import find_parking_lines
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
 from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.compact_objects import select_solid_points
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
@@ -233,7 +235,16 @@ class FillHole(AppendEdit):
         shaded = find_shaded_cells(ground, known)
         if self.lit and not lies_in_shade(shaded, known, hole, grid.size):
             known &= ~shaded
-        return plan_fill(near, hole, ground, known, rng)
+        return plan_fill(near, hole, ground, known, rng, self._find_parking_lines(document, grid))
+
+    def _find_parking_lines(self, document: Document, grid: GroundGrid) -> Bool[ndarray, " b"] | None:
+        lines = np.zeros(grid.shape[1], bool)
+        for number in self.behind:
+            if number in document.scene.table:
+                rows = document.find_rows((number,))
+                rows = rows[(document.scene.nodes[rows] == 0) & ~find_away(document.transforms, rows)]
+                lines |= find_parking_lines(select_solid_points(document, rows), grid)
+        return lines if lines.any() else None
 
 
 def _check_cells(cells: Sequence[object], may_be_none: bool) -> tuple[tuple[int, int], ...]:
