@@ -6,6 +6,7 @@ The picture is the ground from above. Instead of colours the answer names, for e
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numba
 import numpy as np
@@ -153,7 +154,7 @@ def profile_lines(
 def _lower(profile: Float64[ndarray, " b"], told: Bool[ndarray, " b"], lowest: Bool[ndarray, " b"]) -> None:
     """Write the lines on which nothing is known as `profile_lines` says, gap by gap between those that are told."""
     lines = np.flatnonzero(told)
-    for left, right in zip(lines, lines[1:], strict=False):
+    for left, right in pairwise(lines):
         low = left + 1 + np.flatnonzero(lowest[left + 1 : right])
         if len(low):
             profile[left + 1 : low[0]] = profile[left]

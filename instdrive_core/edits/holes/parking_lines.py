@@ -19,8 +19,10 @@ GUTTER = 0.2
 
 
 def find_parking_lines(points: Float64[ndarray, "n 3"], grid: GroundGrid) -> Bool[ndarray, " b"]:
-    """Which lines of cells along the lane lie below a vehicle, whose solid splats are `points` (metres); none below what
-    is no vehicle parked along the lane."""
+    """Which lines of cells along the lane lie below a vehicle, whose solid splats are `points` (metres).
+
+    None below what is no vehicle parked along the lane.
+    """
     lines = np.zeros(grid.shape[1], bool)
     heights = grid.compute_heights(points)
     sides = points[(heights >= LEAST_HEIGHT) & (heights <= MOST_HEIGHT)]
@@ -30,6 +32,7 @@ def find_parking_lines(points: Float64[ndarray, "n 3"], grid: GroundGrid) -> Boo
     low, high = np.quantile(local, [STRAY_SHARE, 1 - STRAY_SHARE], axis=0)
     length, width = (high - low).tolist()
     if length >= LEAST_LENGTH and LEAST_WIDTH <= width <= MOST_WIDTH:
-        first, last = np.floor((np.array([low[1] - GUTTER, high[1] + GUTTER])) / grid.size).astype(int).tolist()
+        edges = np.array([low[1] - GUTTER, high[1] + GUTTER]) / grid.size
+        first, last = np.floor(edges).astype(int).tolist()
         lines[max(first, 0) : max(last + 1, 0)] = True
     return lines

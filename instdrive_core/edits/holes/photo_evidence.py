@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
+from scipy.spatial import KDTree
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import Part, fingerprint
@@ -34,7 +35,9 @@ MIN_WEIGHT = 0.25
 REACHED_SHARE = 0.5
 """Share of what a photo would show of a splat without the thing that it must show with the thing …"""
 MIN_REACHING = 2
-"""… in so many looks for the splat to have been seen."""
+"""… in so many looks for the splat to have been seen. One is enough for it to stay …"""
+CLOSE = 0.5
+"""… so many metres from the thing, where nothing of the thing itself can be."""
 MIN_COVER = 0.7
 """Share of light that what stands behind the thing must stop."""
 EXPLAINED_SHARE = 0.6
@@ -132,6 +135,8 @@ def gather_photo_evidence(
     inside = tally.explained >= EXPLAINED_SHARE * (tally.explained + tally.beside)
     explained = movable & ~reached & inside & (tally.explained >= MIN_WEIGHT)
     unseen = uncovered & ~reached
+    once = np.flatnonzero(unseen & (tally.reaching > 0))
+    unseen[once[~_find_close(photographed, rows, once)]] = False
     places = [place for place in range(record.look_count) if record.sights[place].silhouette.any()]
     looks = [_open_look(record.sights[place], behind[place], unseen | explained) for place in places]
     sizes = [int(look.silhouette.sum()) for look in looks]
@@ -163,6 +168,18 @@ def _make_record(photographed: PhotographedSplats, rows: Int64[ndarray, " k"], k
     witnesses = _choose_witnesses(views, shapes.means[doubted].astype(np.float64), chosen)
     further = [photographed.look(view, camera) for view, camera in _sort_by_time(witnesses)]
     return PhotoRecord(key, (*sights, *further), len(sights))
+
+
+def _find_close(
+    photographed: PhotographedSplats, rows: Int64[ndarray, " k"], asked: Int64[ndarray, " a"]
+) -> Bool[ndarray, " a"]:
+    """Which rows lie close to the thing, of which `rows` are the splats."""
+    if not len(asked):
+        return np.zeros(0, bool)
+    solid = photographed.shapes.means[rows[photographed.opacities[rows] >= OWN_SHARE]]
+    tree = KDTree(solid, balanced_tree=False, compact_nodes=False)
+    distances, _ = tree.query(photographed.shapes.means[asked], distance_upper_bound=CLOSE)
+    return np.isfinite(distances)
 
 
 class _Tally:

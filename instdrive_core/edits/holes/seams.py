@@ -35,8 +35,9 @@ def blend_copies(
     numbers = np.full(hole.shape, -1)
     numbers[hole] = np.arange(count)
     degree, right = np.full(count, hold), hold * copied
-    level = np.zeros(hole.shape) if levels is None else levels.copy()
-    level[hole] = level[tuple((cells + offsets[hole]).T)]
+    origin = np.zeros(hole.shape) if levels is None else levels
+    level = origin.copy()
+    level[hole] = origin[tuple((cells + offsets[hole]).T)]
     rows, columns = [], []
     for step in np.array([[0, 1], [0, -1], [1, 0], [-1, 0]]):
         beside = cells + step
@@ -44,10 +45,15 @@ def blend_copies(
         beside = np.clip(beside, 0, limit)
         inside &= np.abs(level[tuple(beside.T)] - level[hole]) <= MAX_STEP
         there, filled = known[tuple(beside.T)] & inside, hole[tuple(beside.T)] & inside
-        mine = copied - picture[tuple(np.clip(beside + offsets[hole], 0, limit).T)]
         other = numbers[tuple(beside.T)]
-        theirs = picture[tuple(np.clip(cells + offsets[tuple(beside.T)], 0, limit).T)] - copied[np.maximum(other, 0)]
-        gradient = np.where(filled[:, None], (mine + theirs) / 2, mine)
+        mine_at = tuple(np.clip(beside + offsets[hole], 0, limit).T)
+        theirs_at = tuple(np.clip(cells + offsets[tuple(beside.T)], 0, limit).T)
+        mine, theirs = copied - picture[mine_at], picture[theirs_at] - copied[np.maximum(other, 0)]
+        # What lies beside a copy where it comes from tells nothing across a kerb.
+        mine_tells = np.abs(origin[mine_at] - level[hole]) <= MAX_STEP
+        theirs_tell = filled & (np.abs(origin[theirs_at] - level[tuple(beside.T)]) <= MAX_STEP)
+        gradient = np.where(mine_tells[:, None], mine, 0) + np.where(theirs_tell[:, None], theirs, 0)
+        gradient /= np.maximum(mine_tells.astype(int) + theirs_tell, 1)[:, None]
         used = there | filled
         degree += used
         right += np.where(used[:, None], gradient, 0)

@@ -1,6 +1,7 @@
 """What photos say about a deleted car: a record of them says the same to the last bit whatever was deleted since."""
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from parked_street import CAR, parked_street
 from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import fingerprint
-from instdrive_core.edits.holes.photo_evidence import gather_photo_evidence
+from instdrive_core.edits.holes.photo_evidence import CLOSE, gather_photo_evidence
 from instdrive_core.edits.holes.photo_sights import PhotographedSplats
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.kinds.select_rows import SelectRows
@@ -76,3 +77,27 @@ def delete_and_fill(scene, forget):
 def test_a_fill_is_the_same_with_what_the_report_saw_and_without(street):
     one, other = (delete_and_fill(street.scene, forget) for forget in (False, True))
     assert fingerprint(one) == fingerprint(other)
+
+
+def test_what_one_photo_reached_stays_unless_it_lies_close_to_the_thing(street):
+    scene = deepcopy(street.scene)
+    views = [view for view in scene.views if gather_one(scene, view) is not None]
+    told = {False: 0, True: 0}
+    for view in views[::2]:
+        found = gather_one(scene, view)
+        (sight,) = found.record.sights
+        hidden = np.bincount(sight.behind.rows, sight.behind.weights, len(scene))[sight.rows]
+        reached = sight.rows[(sight.beside > 1) & (sight.beside > 2 * hidden) & (hidden > 1)]
+        car = scene.gaussians.means[scene.instance_ids == CAR]
+        away = np.linalg.norm(scene.gaussians.means[reached][:, None] - car[None], axis=2).min(axis=1)
+        for far in (False, True):
+            rows = reached[away > CLOSE + 0.2] if far else reached[away < CLOSE - 0.2]
+            told[far] += len(rows)
+            assert np.isin(rows, found.unseen).mean() == (0 if far else 1) if len(rows) else True
+    assert told[True] > 5
+    assert told[False] > 5
+
+
+def gather_one(scene, view):
+    document = Document(replace(scene, views=(view,)))
+    return gather_photo_evidence(document, [document.find_rows((CAR,))])
