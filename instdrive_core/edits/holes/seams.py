@@ -25,7 +25,7 @@ def blend_copies(
     """The picture with copies in its hole, each cell's from `offsets` away, that meet each other and `known` cells
     without a step: screened Poisson equation. Cells that are neither known nor of the hole do not count.
 
-    Where the `levels` (metres) differ that two cells come from there is a kerb: they meet with whatever step there is.
+    Where the `levels` (metres) differ that two copies come from there is a kerb: they keep their difference.
     """
     cells, result = np.argwhere(hole), picture.copy()
     count, limit = len(cells), np.array(hole.shape) - 1
@@ -43,8 +43,8 @@ def blend_copies(
         beside = cells + step
         inside = ((beside >= 0) & (beside <= limit)).all(axis=1)
         beside = np.clip(beside, 0, limit)
-        inside &= np.abs(level[tuple(beside.T)] - level[hole]) <= MAX_STEP
-        there, filled = known[tuple(beside.T)] & inside, hole[tuple(beside.T)] & inside
+        is_kerb = np.abs(level[tuple(beside.T)] - level[hole]) > MAX_STEP
+        there, filled = known[tuple(beside.T)] & inside & ~is_kerb, hole[tuple(beside.T)] & inside
         other = numbers[tuple(beside.T)]
         mine_at = tuple(np.clip(beside + offsets[hole], 0, limit).T)
         theirs_at = tuple(np.clip(cells + offsets[tuple(beside.T)], 0, limit).T)
@@ -54,6 +54,7 @@ def blend_copies(
         theirs_tell = filled & (np.abs(origin[theirs_at] - level[tuple(beside.T)]) <= MAX_STEP)
         gradient = np.where(mine_tells[:, None], mine, 0) + np.where(theirs_tell[:, None], theirs, 0)
         gradient /= np.maximum(mine_tells.astype(int) + theirs_tell, 1)[:, None]
+        gradient = np.where(is_kerb[:, None], copied - copied[np.maximum(other, 0)], gradient)
         used = there | filled
         degree += used
         right += np.where(used[:, None], gradient, 0)
