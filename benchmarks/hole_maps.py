@@ -30,7 +30,7 @@ from instdrive_core.datasets.synthetic.world.ground import CURB_HEIGHT
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.rig import CAMERAS
 from instdrive_core.datasets.synthetic.world.street import Actor, Street
-from instdrive_core.edits.holes.fill_plan import choose_ground_pieces
+from instdrive_core.edits.holes.fill_plan import choose_ground_pieces, profile_ground
 from instdrive_core.edits.holes.free_space import find_shown_points
 from instdrive_core.edits.holes.ground_cells import grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
@@ -77,6 +77,8 @@ class HiddenGround:
     truth: Float32[ndarray, "a b 3"]
     lit: Bool[ndarray, "a b"]
     """In the sun."""
+    parking: Bool[ndarray, " b"]
+    """Lines along the lane on which the car stood."""
 
 
 def main(options: Options) -> dict[str, object]:
@@ -92,10 +94,11 @@ def main(options: Options) -> dict[str, object]:
 
 def measure_fill(found: HiddenGround) -> tuple[float, float, float]:
     """PSNR, blurred error, and the share of the squared error in the shade."""
-    sources = choose_ground_pieces(found.ground, found.known, found.hole, np.random.default_rng(0))
+    profile = profile_ground(found.ground, found.known & ~found.hole, found.parking)
+    sources = choose_ground_pieces(found.ground, found.known, found.hole, np.random.default_rng(0), profile)
     assert sources is not None
     offsets = sources - np.indices(found.hole.shape).transpose(1, 2, 0)
-    filled = np.clip(blend_copies(found.ground.color, found.known, found.hole, offsets), 0, 1)
+    filled = np.clip(blend_copies(found.ground.color, found.known, found.hole, offsets, levels=profile), 0, 1)
     difference = np.where(found.hole[..., None], filled - found.truth, 0)
     weight = ndimage.gaussian_filter(found.hole.astype(np.float64), BLUR)
     blurred = np.asarray(ndimage.gaussian_filter(difference, (BLUR, BLUR, 0))) / np.maximum(weight, 1e-6)[..., None]
@@ -147,7 +150,7 @@ def _look_under(
     ground = GroundMap(grid, known.astype(np.float64), color, height, ~level, np.zeros(0, bool))
     to_sun = np.broadcast_to(street.light.to_sun.astype(np.float32), points.shape).copy()
     lit = ~free.rays.find_occluded(points.astype(np.float32), to_sun, 150.0)
-    return HiddenGround(ground, known, hole, truth, lit.reshape(shape))
+    return HiddenGround(ground, known, hole, truth, lit.reshape(shape), under.any(axis=0))
 
 
 def _count_photos(

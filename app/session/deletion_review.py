@@ -310,6 +310,8 @@ class DeletionReview:
                 return
             if edit is not None and _is_filled(document, found):
                 return
+            for older in self._findings:  # what the photos showed takes tens of megabytes
+                older.report = replace(older.report, record=None)
             self._findings.append(found)
             if is_told:
                 summary = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Int64
@@ -14,7 +14,7 @@ from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.holes.holes import Hole, find_hole
-from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, gather_photo_evidence
+from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
 from instdrive_core.edits.holes.surroundings import Surroundings, find_surroundings
 from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
 from instdrive_core.edits.kinds.compound import CompoundEdit
@@ -57,6 +57,8 @@ class DeletionReport:
     """How many of them each instance has now; 0 = none."""
     hole: Hole | None
     """None where nothing that stood on the ground was deleted, or no ground was seen."""
+    record: PhotoRecord | None = field(default=None, repr=False, compare=False)
+    """What the photos showed of what was deleted, so that the fill need not look again; None where none did."""
 
     @property
     def name(self) -> str:
@@ -107,7 +109,9 @@ class DeletionReport:
         """The edit that fills the hole; None where there is none."""
         if self.hole is None or not (self.hole_area or self.hole.behind):
             return None
-        return make_fill_hole(self.hole, phrase("fill of {name}", name=self.name)[:MAX_NAME_LENGTH], seed)
+        edit = make_fill_hole(self.hole, phrase("fill of {name}", name=self.name)[:MAX_NAME_LENGTH], seed)
+        edit.remember(self.record)
+        return edit
 
 
 def report_deletion(document: Document, ids: Iterable[int], time: float) -> DeletionReport:
@@ -157,7 +161,8 @@ def _build_report(document: Document, parts: Sequence[DeletedPart], time: float)
     around = find_surroundings(document, [(part.instance_id, part.rows) for part in parts], time, kept)
     report(0.7)
     hole = None if around is None else _find_hole(around, residue, evidence, tuple(part.instance_id for part in parts))
-    return DeletionReport(tuple(whole), residue, carriers, hole)
+    record = None if evidence is None else evidence.record
+    return DeletionReport(tuple(whole), residue, carriers, hole, record)
 
 
 def _stands_where_it_was(document: Document, rows: Int64[ndarray, " m"]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numba
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8, UInt16, UInt32
 from numpy import ndarray
@@ -11,8 +12,6 @@ from numpy import ndarray
 from instdrive_core.instances.table import InstanceTable
 from instdrive_core.maths.rotations import (
     matrix_from_quaternion,
-    multiply_quaternions,
-    normalize_quaternions,
     quaternion_from_matrix,
 )
 from instdrive_core.scene.camera import Camera, CameraView
@@ -92,16 +91,49 @@ def place_in_world(
     poses: Float64[ndarray, "m 4 4"],
 ) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n 4"]]:
     """Place means and quaternions in the world, given each row's node and world_from_node; background rows stay."""
-    moved = np.flatnonzero(nodes)
-    if not len(moved):
+    if not nodes.any():
         return means, quats
-    means, quats = means.copy(), quats.copy()
-    matrices = poses[nodes[moved]]
-    rotated = np.einsum("nij,nj->ni", matrices[:, :3, :3], means[moved]) + matrices[:, :3, 3]
-    turns = quaternion_from_matrix(poses[:, :3, :3])[nodes[moved]]
-    means[moved] = rotated
-    quats[moved] = multiply_quaternions(turns, normalize_quaternions(quats[moved]))
-    return means, quats
+    placed, turned = np.empty(means.shape, np.float32), np.empty(quats.shape, np.float32)
+    turns = quaternion_from_matrix(poses[:, :3, :3])
+    means, quats, nodes = np.ascontiguousarray(means), np.ascontiguousarray(quats), np.ascontiguousarray(nodes)
+    _place_rows(means, quats, nodes, np.ascontiguousarray(poses), turns, placed, turned)
+    return placed, turned
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+def _place_rows(
+    means: Float32[ndarray, "n 3"],
+    quats: Float32[ndarray, "n 4"],
+    nodes: UInt16[ndarray, " n"],
+    poses: Float64[ndarray, "m 4 4"],
+    turns: Float64[ndarray, "m 4"],
+    placed: Float32[ndarray, "n 3"],
+    turned: Float32[ndarray, "n 4"],
+) -> None:
+    """Place each row in float64; those of node 0 stay bit by bit. Quaternions are normalized before they are turned."""
+    for row in numba.prange(len(means)):
+        node = nodes[row]
+        if node == 0:
+            for column in range(3):
+                placed[row, column] = means[row, column]
+            for column in range(4):
+                turned[row, column] = quats[row, column]
+            continue
+        x, y, z = means[row, 0], means[row, 1], means[row, 2]
+        for axis in range(3):
+            place = poses[node, axis, 0] * x + poses[node, axis, 1] * y + poses[node, axis, 2] * z
+            placed[row, axis] = place + poses[node, axis, 3]
+        a, b, c, d = quats[row, 0], quats[row, 1], quats[row, 2], quats[row, 3]
+        norm = np.sqrt(a * a + b * b + c * c + d * d)
+        if norm > np.float32(1e-12):
+            a, b, c, d = a / norm, b / norm, c / norm, d / norm
+        else:
+            a, b, c, d = np.float32(1), np.float32(0), np.float32(0), np.float32(0)
+        w, i, j, k = turns[node, 0], turns[node, 1], turns[node, 2], turns[node, 3]
+        turned[row, 0] = w * a - i * b - j * c - k * d
+        turned[row, 1] = i * a + w * b - k * c + j * d
+        turned[row, 2] = j * a + k * b + w * c - i * d
+        turned[row, 3] = k * a - j * b + i * c + w * d
 
 
 def extract_node_rotations(poses: Float64[ndarray, "m 4 4"]) -> Float64[ndarray, "m 3 3"]:

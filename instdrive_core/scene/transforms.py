@@ -144,6 +144,19 @@ def copy_at_home(gaussians: Gaussians, palette: TransformPalette, rows: Int[ndar
     return part
 
 
+def copy_shapes_at_home(gaussians: Gaussians, palette: TransformPalette) -> Gaussians:
+    """Copy all Gaussians without view-dependent colour and features as they were before they were moved by themselves,
+    in their nodes' frames. Arrays in which nothing differs are not copied: read only."""
+    count, arrays = len(gaussians), gaussians.arrays()
+    arrays |= {"sh_rest": np.zeros((count, 0, 3), np.float32), "features": np.zeros((count, 0), np.float32)}
+    if (palette.homes == np.eye(3, 4)).all():
+        return Gaussians(**arrays)
+    arrays |= {name: arrays[name].copy() for name in ("means", "quats", "log_scales")}
+    part = Gaussians(**arrays)
+    _bake(part, palette.homes, palette.indices)
+    return part
+
+
 def find_away(palette: TransformPalette, rows: Int[ndarray, " m"]) -> Bool[ndarray, " m"]:
     """Find which rows were moved, turned or scaled by themselves and not put back."""
     return (palette.matrices != palette.homes).any(axis=(1, 2))[palette.indices[rows]]

@@ -20,7 +20,7 @@ def _make_street(under: float) -> HiddenGround:
     grid = GroundGrid((0.0, 0.0), (0.0, 1.0), 0.2, shape, (0.0, 0.0, 0.0))
     nothing = np.zeros(shape, bool)
     ground = GroundMap(grid, np.ones(shape), color, np.zeros(shape), nothing, np.zeros(0, bool))
-    return HiddenGround(ground, ~hole, hole, truth, lit)
+    return HiddenGround(ground, ~hole, hole, truth, lit, hole.any(axis=0))
 
 
 def test_even_ground_is_guessed_right() -> None:

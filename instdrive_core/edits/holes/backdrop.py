@@ -83,7 +83,11 @@ def plan_backdrop(
     like = np.zeros(0, np.int64)
     if len(whole):
         still = np.flatnonzero(scene.nodes == 0)
-        like = still[np.asarray(KDTree(scene.gaussians.means[still]).query(whole.means)[1])]
+        like = still[
+            np.asarray(
+                KDTree(scene.gaussians.means[still], balanced_tree=False, compact_nodes=False).query(whole.means)[1]
+            )
+        ]
     return Backdrop(whole, like)
 
 
@@ -283,13 +287,17 @@ def _draw(
     """Colour over the sky, alpha and depth of the scene with what fills it, and where it shows compact objects."""
     poses, present = scene.find_node_poses(time)
     added = concatenate_gaussians(fills)
-    count = len(added)
-    gaussians = concatenate_gaussians([scene.gaussians, added])
-    nodes = np.concatenate([scene.nodes, np.zeros(count, scene.nodes.dtype)])
-    means, quats = place_in_world(gaussians.means, gaussians.quats, nodes, poses)
-    colors = compute_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, nodes, poses)
-    opacities = np.where(present[nodes], gaussians.opacities, np.float32(0))
-    frame = render_preview(means, quats, gaussians.log_scales, opacities, colors, camera, choose_raster_settings(scene))
+    placed = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
+    means, quats = (np.concatenate(parts) for parts in zip(placed, (added.means, added.quats), strict=True))
+    sizes, sh_dc, sh_rest = (
+        np.concatenate([getattr(part, name) for part in (scene.gaussians, added)])
+        for name in ("log_scales", "sh_dc", "sh_rest")
+    )
+    nodes = np.concatenate([scene.nodes, np.zeros(len(added), scene.nodes.dtype)])
+    colors = compute_colors(means, sh_dc, sh_rest, camera.position, nodes, poses)
+    opacities = np.where(present[scene.nodes], scene.gaussians.opacities, np.float32(0))
+    opacities = np.concatenate([opacities, added.opacities])
+    frame = render_preview(means, quats, sizes, opacities, colors, camera, choose_raster_settings(scene))
     color = frame.color + render_sky_behind(scene.sky, camera, frame.alpha)
     things = [instance.id for instance in scene.table if is_compact(instance) and not is_tall(instance)]
     shown = (frame.winner >= 0) & (frame.winner < len(scene))

@@ -96,13 +96,15 @@ def plan_fill(
     ground: GroundMap,
     known: Bool[ndarray, "a b"],
     rng: np.random.Generator,
+    lowest: Bool[ndarray, " b"] | None = None,
 ) -> FillPlan:
     """Plan which ground is copied where; only `known` cells are copied. Raises EditError where there are none.
 
     Pieces are chosen cell by cell; colours are copied in a finer grid, where their seams are blended.
     """
     grid = ground.grid
-    sources = choose_ground_pieces(ground, known, hole, rng)
+    profile = profile_ground(ground, known & ~hole, lowest)
+    sources = choose_ground_pieces(ground, known, hole, rng, profile)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
     level = _estimate_road_level(ground, known)
@@ -113,7 +115,8 @@ def plan_fill(
     fine_hole, fine_known = (np.kron(each, np.ones((DETAIL, DETAIL), bool)) for each in (hole, known))
     broad = np.repeat(np.repeat(ground.color, DETAIL, axis=0), DETAIL, axis=1)
     shown = np.where((fine.cover >= BARE)[..., None], fine.color, broad)
-    colors = blend_copies(shown, fine_known, fine_hole, offsets)
+    levels = np.repeat(np.repeat(profile, DETAIL, axis=0), DETAIL, axis=1)
+    colors = blend_copies(shown, fine_known, fine_hole, offsets, levels=levels)
     surface = _lay_tiles(fine.grid, fine_hole, np.kron(heights, np.ones((DETAIL, DETAIL))))
     bed = _lay_tiles(grid, hole, heights - BED_DEPTH)
     bed_colors = colors.reshape(hole.shape[0], DETAIL, hole.shape[1], DETAIL, 3).mean(axis=(1, 3))[hole]
@@ -128,13 +131,26 @@ def plan_fill(
     )  # fmt: skip
 
 
+def profile_ground(
+    ground: GroundMap, known: Bool[ndarray, "a b"], lowest: Bool[ndarray, " b"] | None = None
+) -> Float64[ndarray, "a b"]:
+    """How high (metres) the ground is that belongs to each cell, as far as `known` cells on its line along the lane
+    tell; see `profile_lines`."""
+    return profile_lines(ground.height, known, PROFILE_REACH / ground.grid.size, lowest)
+
+
 def choose_ground_pieces(
-    ground: GroundMap, known: Bool[ndarray, "a b"], hole: Bool[ndarray, "a b"], rng: np.random.Generator
+    ground: GroundMap,
+    known: Bool[ndarray, "a b"],
+    hole: Bool[ndarray, "a b"],
+    rng: np.random.Generator,
+    profile: Float64[ndarray, "a b"],
 ) -> Int64[ndarray, "a b 2"] | None:
-    """For each cell of the hole the `known` cell to copy, -1 elsewhere; None where nothing is known."""
-    known = known & ~hole
+    """For each cell of the hole the `known` cell to copy, -1 elsewhere; None where nothing is known.
+
+    `profile` says how high the ground is that belongs to each cell, metres.
+    """
     values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
-    profile = profile_lines(ground.height, known, PROFILE_REACH / ground.grid.size)
     return choose_source_cells(values, known, hole, rng, GROUND_PIECES, profile)
 
 
@@ -159,7 +175,9 @@ def _estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float
 def _find_nearest_rows(
     grid: GroundGrid, near: Neighborhood, flat: Int64[ndarray, " f"], cells: Int64[ndarray, "h 2"]
 ) -> Int64[ndarray, " h"]:
-    return np.asarray(KDTree(near.means[flat][:, :2]).query(grid.compute_centers(cells))[1])
+    return np.asarray(
+        KDTree(near.means[flat][:, :2], balanced_tree=False, compact_nodes=False).query(grid.compute_centers(cells))[1]
+    )
 
 
 def _find_replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numba
 import numpy as np
 from jaxtyping import Bool, Float64
 from numpy import ndarray
@@ -42,14 +43,29 @@ def keep_large_parts(cells: Bool[ndarray, "a b"], size: float, area: float) -> B
 
 
 def _is_under(each: StandingObject, places: Float64[ndarray, "c 2"]) -> Bool[ndarray, " c"]:
-    """Whether any point above each place is in the body's hull: its faces clip the vertical line from both ends."""
+    """Whether any point above each place is in the body's hull."""
     body = each.body
     level = (np.c_[places, np.full(len(places), body.center[2])] - body.center) @ body.axes
-    starts = level @ body.planes[:, :3].T + body.planes[:, 3]
-    slopes = np.broadcast_to(body.planes[:, 2], starts.shape)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = -starts / slopes
-    upper = np.where(slopes > 1e-9, ends, np.inf).min(axis=1)
-    lower = np.where(slopes < -1e-9, ends, -np.inf).max(axis=1)
-    beside = ((np.abs(slopes) <= 1e-9) & (starts > 0)).any(axis=1)
-    return (lower < upper) & ~beside
+    return _meet_verticals(level, body.planes)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _meet_verticals(places: Float64[ndarray, "c 3"], planes: Float64[ndarray, "k 4"]) -> Bool[ndarray, " c"]:
+    """Whether the vertical lines through places meet a hull: its faces clip them from both ends."""
+    met = np.zeros(len(places), np.bool_)
+    for place in range(len(places)):
+        lower, upper = -np.inf, np.inf
+        for k in range(len(planes)):
+            start, slope = planes[k, 3], planes[k, 2]
+            for axis in range(3):
+                start += planes[k, axis] * places[place, axis]
+            if slope > 1e-9:
+                upper = min(upper, -start / slope)
+            elif slope < -1e-9:
+                lower = max(lower, -start / slope)
+            elif start > 0:
+                upper = -np.inf
+            if lower >= upper:
+                break
+        met[place] = lower < upper
+    return met

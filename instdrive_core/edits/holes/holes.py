@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numba
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
 from instdrive_core.edits.document.document import Document
@@ -262,12 +262,30 @@ def _find_plausible_cells(
 ) -> Bool[ndarray, "a b"]:
     """Cells of those `asked` whose ground is solid and of a colour that enough of the known ground around has, too."""
     along, across = round(PALETTE_ALONG / ground.grid.size), round(PALETTE_ACROSS / ground.grid.size)
-    margin, window = ((along, along), (across, across)), (2 * along + 1, 2 * across + 1)
-    # Unknown ground is like nothing.
-    colors = np.pad(np.where(known[..., None], ground.color, np.inf), (*margin, (0, 0)), constant_values=np.inf)
-    around = sliding_window_view(colors, window, (0, 1))
-    plausible = np.zeros(known.shape, bool)
-    for cell in np.argwhere(asked & find_solid_cells(ground)):
-        differences = np.abs(around[tuple(cell)] - ground.color[tuple(cell)][:, None, None]).max(axis=0)
-        plausible[tuple(cell)] = np.count_nonzero(differences <= MAX_COLOR_DIFFERENCE) >= MIN_ALIKE
-    return plausible
+    asked = asked & find_solid_cells(ground)
+    return _find_alike(np.ascontiguousarray(ground.color), known, asked, along, across)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _find_alike(
+    colors: Float64[ndarray, "a b 3"], known: Bool[ndarray, "a b"], asked: Bool[ndarray, "a b"], along: int, across: int
+) -> Bool[ndarray, "a b"]:
+    """Which of the cells `asked` have a colour that enough `known` cells have that lie so many cells away at most."""
+    alike = np.zeros(known.shape, np.bool_)
+    for i in range(known.shape[0]):
+        for j in range(known.shape[1]):
+            if not asked[i, j]:
+                continue
+            count = 0
+            for k in range(max(i - along, 0), min(i + along + 1, known.shape[0])):
+                for m in range(max(j - across, 0), min(j + across + 1, known.shape[1])):
+                    if known[k, m]:
+                        difference = 0.0
+                        for channel in range(3):
+                            difference = max(difference, abs(colors[k, m, channel] - colors[i, j, channel]))
+                        if difference <= MAX_COLOR_DIFFERENCE:
+                            count += 1
+                if count >= MIN_ALIKE:
+                    break
+            alike[i, j] = count >= MIN_ALIKE
+    return alike

@@ -6,13 +6,17 @@ The picture is the ground from above. Instead of colours the answer names, for e
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
+import numba
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
+_BATCH = 64
+"""Pieces that are looked at together, those that may be best first."""
 MIN_TOLD = 0.3
 """Cells right there that what is known on a line must count like, to say what the line is like."""
 
@@ -87,21 +91,18 @@ def choose_source_cells(
         middle = _choose_next_middle(filled, todo, window)
         part = tuple(slice(each, each + window) for each in middle)
         there = filled[part]
-        differences = ((candidates[:, there] - padded[part][there]) ** 2).sum(axis=2)
-        costs = np.zeros(len(middles))
-        if there.any():
-            brought, on_lines = candidates[:, todo[part]], lines[part][todo[part]]
-            told = np.isfinite(on_lines).all(axis=1)
-            if told.any():
-                costs += config.line_penalty * ((brought - on_lines)[:, told] ** 2).sum(axis=2).mean(axis=1)
-            old = np.concatenate([padded[part][there], on_lines[told]])
-            costs += differences.mean(axis=1) + config.novelty_penalty * _measure_novelty(brought, old)
-        if guide is not None:
-            costs += config.guide_penalty * ((guides[:, todo[part]] - guided[part][todo[part]]) ** 2).mean(axis=1)
         away = np.abs(middles - middle)
-        costs = costs + config.across_penalty * away[:, 1] ** 2 + config.along_penalty * away[:, 0]
-        costs += config.reuse_penalty * uses
-        best = int(np.argmin(costs * (1 + config.variety * rng.random(len(costs)))))
+        least = config.across_penalty * away[:, 1] ** 2 + config.along_penalty * away[:, 0]
+        least += config.reuse_penalty * uses
+        if guide is not None:
+            least += config.guide_penalty * ((guides[:, todo[part]] - guided[part][todo[part]]) ** 2).mean(axis=1)
+        scales = 1 + config.variety * rng.random(len(middles))
+        if there.any():
+            least += _measure_differences(candidates, padded[part], there)
+            on_lines = lines[part][todo[part]]
+            best = _find_best(candidates, _Wanted(todo[part], on_lines, padded[part][there]), least, scales, config)
+        else:
+            best = int(np.argmin(least * scales))
         uses += (np.abs(middles - middles[best]) <= config.reuse_reach).all(axis=1)
         fresh = np.argwhere(todo[part])
         places = fresh + middle
@@ -125,10 +126,17 @@ def continue_lines(
 
 
 def profile_lines(
-    values: Float64[ndarray, "a b"], known: Bool[ndarray, "a b"], reach: float
+    values: Float64[ndarray, "a b"],
+    known: Bool[ndarray, "a b"],
+    reach: float,
+    lowest: Bool[ndarray, " b"] | None = None,
 ) -> Float64[ndarray, "a b"]:
     """What every cell's line along axis 0 is like: the mean of what is known on it, where a cell `reach` cells farther
-    counts less by e. Lines on which nothing is known lie between those beside them; 0 where there are none at all."""
+    counts less by e. Lines on which nothing is known lie between those beside them; 0 where there are none at all.
+
+    Of the lines that are `lowest` it is known that they are like the lower of what lies on either side, where nothing
+    is known on them: what is between them and there, is like the other side.
+    """
     steps = np.arange(len(values))
     weights = np.exp(-np.abs(steps[:, None] - steps) / reach)
     sums, total = weights @ np.where(known, values, 0), weights @ known
@@ -136,8 +144,84 @@ def profile_lines(
     for profile, line_sums, line_total in zip(profiles, sums, total, strict=True):
         told = line_total >= MIN_TOLD
         if told.any():
-            profile[:] = np.interp(places, places[told], line_sums[told] / line_total[told])
+            found = line_sums[told] / line_total[told]
+            profile[:] = np.interp(places, places[told], found)
+            if lowest is not None:
+                _lower(profile, told, lowest)
     return profiles
+
+
+def _lower(profile: Float64[ndarray, " b"], told: Bool[ndarray, " b"], lowest: Bool[ndarray, " b"]) -> None:
+    """Write the lines on which nothing is known as `profile_lines` says, gap by gap between those that are told."""
+    lines = np.flatnonzero(told)
+    for left, right in pairwise(lines):
+        low = left + 1 + np.flatnonzero(lowest[left + 1 : right])
+        if len(low):
+            profile[left + 1 : low[0]] = profile[left]
+            profile[low[0] : low[-1] + 1] = min(profile[left], profile[right])
+            profile[low[-1] + 1 : right] = profile[right]
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+def _measure_differences(
+    candidates: Float64[ndarray, "c w w v"], wanted: Float64[ndarray, "w w v"], there: Bool[ndarray, "w w"]
+) -> Float64[ndarray, " c"]:
+    """Mean over the cells that are `there` of each candidate's squared difference from what is `wanted`."""
+    sums = np.empty(len(candidates))
+    count = np.count_nonzero(there)
+    for number in numba.prange(len(candidates)):
+        total = 0.0
+        for row in range(there.shape[0]):
+            for column in range(there.shape[1]):
+                if there[row, column]:
+                    for k in range(wanted.shape[2]):
+                        difference = candidates[number, row, column, k] - wanted[row, column, k]
+                        total += difference * difference
+        sums[number] = total / count
+    return sums
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What is to be filled around a place, and what it must go with."""
+
+    todo: Bool[ndarray, "w w"]
+    on_lines: Float64[ndarray, "f v"]
+    """What is known on the line of each cell to be filled, NaN where nothing is."""
+    filled: Float64[ndarray, "t v"]
+    """What is there already."""
+
+
+def _find_best(
+    candidates: Float64[ndarray, "c w w v"],
+    wanted: _Wanted,
+    least: Float64[ndarray, " c"],
+    scales: Float64[ndarray, " c"],
+    config: ExemplarConfig,
+) -> int:
+    """The candidate whose cost times its scale is least, the first of several.
+
+    `least` is what each costs without what it brings. Those that are too expensive without it are not looked at.
+    """
+    told = np.isfinite(wanted.on_lines).all(axis=1)
+    old = np.concatenate([wanted.filled, wanted.on_lines[told]])
+    bounds = least * scales
+    order = np.argsort(bounds, kind="stable")
+    best, cheapest = -1, np.inf
+    for start in range(0, len(order), _BATCH):
+        rows = order[start : start + _BATCH]
+        if bounds[rows[0]] > cheapest:
+            break
+        brought = candidates[rows][:, wanted.todo]
+        costs = least[rows] + config.novelty_penalty * _measure_novelty(brought, old)
+        if told.any():
+            away = ((brought - wanted.on_lines)[:, told] ** 2).sum(axis=2).mean(axis=1)
+            costs += config.line_penalty * away
+        costs *= scales[rows]
+        place = int(np.lexsort([rows, costs])[0])
+        if (costs[place], rows[place]) < (cheapest, best):
+            best, cheapest = int(rows[place]), float(costs[place])
+    return best
 
 
 def _measure_novelty(brought: Float64[ndarray, "c f v"], filled: Float64[ndarray, "t v"]) -> Float64[ndarray, " c"]:

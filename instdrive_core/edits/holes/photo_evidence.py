@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
-from scipy import ndimage
+from scipy.spatial import KDTree
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.fingerprint import Part, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
+from instdrive_core.edits.holes.photo_sights import OWN_SHARE, PhotographedSplats, PhotoSight
 from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera
 from instdrive_core.maths.activations import sigmoid
-from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, weigh_projected
-from instdrive_core.rasterize.kernels.layout import to_kernel_array
-from instdrive_core.rasterize.kernels.project import project
-from instdrive_core.rasterize.kernels.settings import choose_raster_settings
+from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_weights
 from instdrive_core.scene.camera import Camera, CameraView
-from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import copy_at_home, find_away
+from instdrive_core.scene.transforms import find_away
 
 MAX_LOOKS, MAX_WITNESSES = 10, 8
 """Photos that are asked: those that show most of the thing, and those that show most of what these did not reach."""
@@ -32,18 +30,14 @@ AROUND = 2.5
 """Metres around the thing that are looked at."""
 MAX_PIXELS = 8000
 """Pixels of that part; it is made smaller where it has more."""
-OWN_SHARE = 0.4
-"""Share of a pixel's light from which it shows the thing."""
-RIM = 1
-"""Pixels around a silhouette that may show it, too."""
 MIN_WEIGHT = 0.25
 """Pixels that a splat must fill, over all looks, to be judged."""
 REACHED_SHARE = 0.5
 """Share of what a photo would show of a splat without the thing that it must show with the thing …"""
 MIN_REACHING = 2
-"""… in so many looks for the splat to have been seen."""
-NEAR_SHARE = 0.02
-"""Share of the thing's splats that may lie nearer than where it begins."""
+"""… in so many looks for the splat to have been seen. One is enough for it to stay …"""
+CLOSE = 0.5
+"""… so many metres from the thing, where nothing of the thing itself can be."""
 MIN_COVER = 0.7
 """Share of light that what stands behind the thing must stop."""
 EXPLAINED_SHARE = 0.6
@@ -65,6 +59,18 @@ class Look:
 
 
 @dataclass(frozen=True)
+class PhotoRecord:
+    """The photos that say most about a thing, as they were taken."""
+
+    key: bytes
+    """Digest of the splats, the photos and the thing."""
+    sights: tuple[PhotoSight, ...]
+    """Those that show most of the thing, then those that show most of what these did not reach."""
+    look_count: int
+    """How many are of the first kind."""
+
+
+@dataclass(frozen=True)
 class PhotoEvidence:
     """What the photos that show a thing say about the splats around it."""
 
@@ -76,6 +82,8 @@ class PhotoEvidence:
     """Rows, rising, that would show there, and that photos reached past the thing."""
     explained: Int64[ndarray, " e"]
     """Rows, rising, that photos show only within the silhouette of the thing."""
+    record: PhotoRecord
+    """What of this holds for the same things whatever else is deleted."""
 
     @property
     def gap_share(self) -> float:
@@ -89,134 +97,120 @@ class PhotoEvidence:
 
 
 def gather_photo_evidence(
-    document: Document, groups: Sequence[Int64[ndarray, "_"]], kept: Sequence[Int64[ndarray, "_"]] = ()
+    document: Document,
+    groups: Sequence[Int64[ndarray, "_"]],
+    kept: Sequence[Int64[ndarray, "_"]] = (),
+    record: PhotoRecord | None = None,
 ) -> PhotoEvidence | None:
     """Compare the photos' views with and without groups of rows, deleted or not, each of one thing.
 
     `kept` are rows of the same things that stay: what shines through them was not seen past the thing. Things that
     move hid nothing for long, so they are left out; None where nothing is left, or there are no photos. Whatever was
-    moved by hand is where the photos saw it.
+    moved by hand is where the photos saw it. A `record` of the same things is used where it still holds: what it tells
+    is the same, to the last bit.
     """
     scene = document.scene
     still = [rows for rows in groups if len(rows) and np.count_nonzero(scene.nodes[rows]) < len(rows) / 2]
     rows = np.unique(np.concatenate([np.zeros(0, np.int64), *still]))
     rows = rows[scene.nodes[rows] == 0]
-    solid = rows[sigmoid(scene.gaussians.opacity_logits[rows]) >= OWN_SHARE]
-    if not len(solid) or not scene.views:
+    if not scene.views or not (sigmoid(scene.gaussians.opacity_logits[rows]) >= OWN_SHARE).any():
         return None
-    points = copy_at_home(scene.gaussians, document.transforms, solid).means.astype(np.float64)
-    chosen = _choose_views(scene.views, points)
-    if not chosen:
-        return None
+    left = np.unique(np.concatenate([np.zeros(0, np.int64), *kept]))
+    key = _fingerprint_photos(document, rows, left)
+    photographed = PhotographedSplats(document, rows, left)
+    if record is None or record.key != key:
+        record = _make_record(photographed, rows, key)
     standing = (document.state.flags & Flag.DELETED) == 0
     standing[rows] = True
-    alive = np.flatnonzero(standing)
-    drawn = copy_at_home(scene.gaussians, document.transforms, alive)
-    own = np.isin(alive, rows, assume_unique=True)
-    tally = _Tally(len(alive), own | np.isin(alive, np.concatenate([np.zeros(0, np.int64), *kept])))
-    looks = [tally.add(document, view, camera, drawn, alive, own) for view, camera in _sort_by_time(chosen)]
-    doubted = np.flatnonzero(
-        (tally.uncovered >= MIN_WEIGHT) & (tally.reaching < MIN_REACHING) & (scene.nodes[alive] == 0)
-    )
-    witnesses = _choose_witnesses(scene.views, drawn.means[doubted].astype(np.float64), chosen)
-    for view, camera in _sort_by_time(witnesses):
-        tally.add(document, view, camera, drawn, alive, own)
-    movable = (scene.nodes[alive] == 0) & ~own & ((document.state.flags[alive] & Flag.LOCKED) == 0)
-    movable &= ~find_away(document.transforms, alive)
+    behind = [photographed.weigh_behind(sight, standing) for sight in record.sights]
+    tally = _Tally(len(scene))
+    for sight, weights in zip(record.sights, behind, strict=True):
+        tally.add(sight, weights)
+    movable = standing & (scene.nodes == 0) & ~photographed.own & ((document.state.flags & Flag.LOCKED) == 0)
+    movable &= ~find_away(document.transforms, np.arange(len(scene)))
     if SYNTHETIC in scene.extra:
-        movable &= scene.extra[SYNTHETIC][alive] == 0
+        movable &= scene.extra[SYNTHETIC] == 0
     uncovered = movable & (tally.uncovered >= MIN_WEIGHT)
     reached = tally.reaching >= MIN_REACHING
     inside = tally.explained >= EXPLAINED_SHARE * (tally.explained + tally.beside)
     explained = movable & ~reached & inside & (tally.explained >= MIN_WEIGHT)
     unseen = uncovered & ~reached
-    looks = [tally.open_look(number, look, unseen | explained) for number, look in enumerate(looks)]
+    once = np.flatnonzero(unseen & (tally.reaching > 0))
+    unseen[once[~_find_close(photographed, rows, once)]] = False
+    places = [place for place in range(record.look_count) if record.sights[place].silhouette.any()]
+    looks = [_open_look(record.sights[place], behind[place], unseen | explained) for place in places]
     sizes = [int(look.silhouette.sum()) for look in looks]
-    looks = tuple(looks[place] for place in np.argsort(sizes, kind="stable")[::-1].tolist() if sizes[place])
-    return PhotoEvidence(looks, alive[unseen], alive[uncovered & reached], alive[explained]) if looks else None
+    looks = tuple(looks[place] for place in np.argsort(sizes, kind="stable")[::-1].tolist())
+    if not looks:
+        return None
+    return PhotoEvidence(
+        looks, np.flatnonzero(unseen), np.flatnonzero(uncovered & reached), np.flatnonzero(explained), record
+    )
+
+
+def _fingerprint_photos(document: Document, rows: Int64[ndarray, " k"], left: Int64[ndarray, " m"]) -> bytes:
+    """Digest of all that a record depends on: not of what was deleted since."""
+    digest = hashlib.blake2b(digest_size=16)
+    digest.update(fingerprint(document, (Part.SPLATS, Part.TRANSFORMS, Part.TRACKS, Part.SURROUNDINGS)))
+    digest.update(b"%d " % len(rows) + rows.tobytes() + left.tobytes())
+    return digest.digest()
+
+
+def _make_record(photographed: PhotographedSplats, rows: Int64[ndarray, " k"], key: bytes) -> PhotoRecord:
+    """Look at the photos that show most of the thing, and at those that show most of what these did not reach."""
+    shapes, views = photographed.shapes, photographed.scene.views
+    chosen = _choose_views(views, shapes.means[rows[photographed.opacities[rows] >= OWN_SHARE]].astype(np.float64))
+    sights = [photographed.look(view, camera) for view, camera in _sort_by_time(chosen)]
+    tally = _Tally(len(shapes))
+    for sight in sights:
+        tally.add(sight, sight.behind)
+    doubted = (tally.uncovered >= MIN_WEIGHT) & (tally.reaching < MIN_REACHING) & (photographed.scene.nodes == 0)
+    witnesses = _choose_witnesses(views, shapes.means[doubted].astype(np.float64), chosen)
+    further = [photographed.look(view, camera) for view, camera in _sort_by_time(witnesses)]
+    return PhotoRecord(key, (*sights, *further), len(sights))
+
+
+def _find_close(
+    photographed: PhotographedSplats, rows: Int64[ndarray, " k"], asked: Int64[ndarray, " a"]
+) -> Bool[ndarray, " a"]:
+    """Which rows lie close to the thing, of which `rows` are the splats."""
+    if not len(asked):
+        return np.zeros(0, bool)
+    solid = photographed.shapes.means[rows[photographed.opacities[rows] >= OWN_SHARE]]
+    tree = KDTree(solid, balanced_tree=False, compact_nodes=False)
+    distances, _ = tree.query(photographed.shapes.means[asked], distance_upper_bound=CLOSE)
+    return np.isfinite(distances)
 
 
 class _Tally:
-    """Sums over looks, a number per splat that is drawn; `body` is what belongs to the things, kept parts included."""
+    """Sums over sights, a number per splat."""
 
-    def __init__(self, count: int, body: Bool[ndarray, " n"]) -> None:
-        self.body = body
+    def __init__(self, count: int) -> None:
         self.beside = np.zeros(count)
         self.explained = np.zeros(count)
         self.uncovered = np.zeros(count)
         self.reaching = np.zeros(count, np.int64)
-        self.left: list[BlendWeights] = []
-        self.placed: tuple[float, tuple[ndarray, ndarray, ndarray]] | None = None
-        """The last moment and what `_place` found: photos of several cameras show the same one."""
 
-    def add(
-        self,
-        document: Document,
-        view: CameraView,
-        camera: Camera,
-        drawn: Gaussians,
-        alive: Int64[ndarray, " n"],
-        own: Bool[ndarray, " n"],
-    ) -> Look:
-        """Look with and without the thing, whose splats are `own`."""
-        scene = document.scene
-        if self.placed is None or self.placed[0] != view.time:
-            self.placed = view.time, _place(scene, drawn, alive, view.time)
-        placed, turned, solid = self.placed[1]
-        pixels, settings = np.arange(camera.width * camera.height), choose_raster_settings(scene)
-        sizes = to_kernel_array(drawn.log_scales)
-        projection = project(placed, turned, sizes, solid, camera, settings)
-        full = weigh_projected(projection, camera, pixels, settings)
-        shares = _sum_by_pixel(full, np.where(own[full.rows], full.weights, 0))
-        shown = (shares >= OWN_SHARE).reshape(camera.height, camera.width)
-        silhouette = np.asarray(ndimage.binary_dilation(shown, iterations=RIM), bool)
-        hidden = np.flatnonzero(silhouette)
-        gone = weigh_projected(projection.select(~own[projection.rows]), camera, hidden, settings)
-        self.left.append(gone)
-        uncovered = np.bincount(gone.rows, gone.weights, len(alive))
-        bodies = _sum_by_pixel(full, np.where(self.body[full.rows], full.weights, 0)) >= OWN_SHARE
-        beside = _sum_by_row(full, ~silhouette & ~bodies.reshape(silhouette.shape), len(alive))
-        self.beside += beside
-        self.explained += _sum_by_row(full, shown, len(alive))  # what lies on its rim shows nothing
+    def add(self, sight: PhotoSight, behind: BlendWeights) -> None:
+        """Count what a photo shows, and what it would show `behind` the thing."""
+        uncovered = np.bincount(behind.rows, behind.weights, len(self.uncovered))
+        rows, beside = sight.rows, sight.beside
+        self.beside[rows] += beside
+        self.explained[rows] += sight.inside
         self.uncovered += uncovered
-        self.reaching += (beside >= REACHED_SHARE * (beside + uncovered)) & (beside >= MIN_WEIGHT / 2)
-        forward = camera.camera_from_world[2]
-        depths = placed[own] @ forward[:3] + forward[3]
-        nearest = float(np.quantile(depths, NEAR_SHARE))
-        return Look(camera, view.time, silhouette, np.zeros_like(silhouette), nearest)
+        self.reaching[rows] += (beside >= REACHED_SHARE * (beside + uncovered[rows])) & (beside >= MIN_WEIGHT / 2)
 
-    def open_look(self, number: int, look: Look, lost: Bool[ndarray, " n"]) -> Look:
-        """The look with what is open in it once the `lost` splats are gone, too."""
-        left, opened = self.left[number], look.open.copy()
-        covers = _sum_by_pixel(left, np.where(lost[left.rows], 0, left.weights))
-        opened[look.silhouette] = covers < MIN_COVER
-        return replace(look, open=opened)
+
+def _open_look(sight: PhotoSight, behind: BlendWeights, lost: Bool[ndarray, " n"]) -> Look:
+    """The look with what is open in it once the `lost` splats are gone, too."""
+    open_ = np.zeros_like(sight.silhouette)
+    covers = apply_weights(behind, np.where(lost, np.float32(0), np.float32(1))[:, None])[:, 0]
+    open_[sight.silhouette] = covers < MIN_COVER
+    return Look(sight.camera, sight.time, sight.silhouette, open_, sight.nearest)
 
 
 def _sort_by_time(views: Sequence[tuple[CameraView, Camera]]) -> list[tuple[CameraView, Camera]]:
     return sorted(views, key=lambda each: each[0].time)
-
-
-def _place(
-    scene: Scene, drawn: Gaussians, alive: Int64[ndarray, " n"], time: float
-) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n 4"], Float32[ndarray, " n"]]:
-    """Means, quaternions and opacities of the rows `alive` at `time` (s)."""
-    poses, present = scene.find_node_poses(time)
-    nodes = scene.nodes[alive]
-    means, quats = place_in_world(drawn.means, drawn.quats, nodes, poses)
-    opacities = np.where(present[nodes], drawn.opacities, np.float32(0))
-    return to_kernel_array(means), to_kernel_array(quats), to_kernel_array(opacities)
-
-
-def _sum_by_row(found: BlendWeights, chosen: Bool[ndarray, "h w"], count: int) -> Float64[ndarray, " n"]:
-    """Weights of each of `count` splats in the chosen pixels."""
-    entries = np.repeat(chosen.ravel(), np.diff(found.indptr))
-    return np.bincount(found.rows[entries], found.weights[entries], count).astype(np.float64)
-
-
-def _sum_by_pixel(found: BlendWeights, values: ndarray) -> Float64[ndarray, " p"]:
-    pixels = np.repeat(np.arange(len(found.indptr) - 1), np.diff(found.indptr))
-    return np.bincount(pixels, values, len(found.indptr) - 1).astype(np.float64)
 
 
 def _choose_views(views: Sequence[CameraView], points: Float64[ndarray, "k 3"]) -> list[tuple[CameraView, Camera]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Bool, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.bases.append import Addition, AppendEdit
@@ -30,9 +30,11 @@ from instdrive_core.edits.holes.cast_shadow import find_shaded_cells, lies_in_sh
 from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill, plan_nothing
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
-from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, gather_photo_evidence
+from instdrive_core.edits.holes.parking_lines import find_parking_lines
+from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
 from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.compact_objects import select_solid_points
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
@@ -72,6 +74,7 @@ class FillHole(AppendEdit):
     _new_column: bool = field(default=False, init=False, repr=False, compare=False)
     _filling: FillPlan | None = field(default=None, init=False, repr=False, compare=False)
     _planned_for: bytes = field(default=b"", init=False, repr=False, compare=False)
+    _record: PhotoRecord | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self.behind = check_ids(self.behind) if self.behind else ()
@@ -113,6 +116,10 @@ class FillHole(AppendEdit):
         """No shift: copies are placed one by one."""
         return (0.0, 0.0, 0.0)
 
+    def remember(self, record: PhotoRecord | None) -> None:
+        """Take over what a report saw in the photos, so that planning need not look again; the plan is the same."""
+        self._record = record
+
     def prepare(self, document: Document) -> None:
         """Plan what to copy, which takes a second: `do` on an equal document is then quick.
 
@@ -121,6 +128,7 @@ class FillHole(AppendEdit):
         key = fingerprint(document, CONTENT)
         if self._filling is None or self._planned_for != key:
             self._filling, self._planned_for = self._plan(document), key
+            self._record = None
 
     def is_prepared_for(self, document: Document) -> bool:
         """Whether it is known what to copy in a document with this content."""
@@ -200,7 +208,7 @@ class FillHole(AppendEdit):
             return None
         gone = [each[deleted[each] | find_away(document.transforms, each)] for each in rows]
         kept = [np.setdiff1d(each, part, assume_unique=True) for each, part in zip(rows, gone, strict=True)]
-        return gather_photo_evidence(document, gone, kept)
+        return gather_photo_evidence(document, gone, kept, self._record)
 
     def _plan_ground(self, document: Document, lost: Int64[ndarray, " l"], rng: np.random.Generator) -> FillPlan:
         cells = np.array(self.cells, np.int64)
@@ -227,7 +235,16 @@ class FillHole(AppendEdit):
         shaded = find_shaded_cells(ground, known)
         if self.lit and not lies_in_shade(shaded, known, hole, grid.size):
             known &= ~shaded
-        return plan_fill(near, hole, ground, known, rng)
+        return plan_fill(near, hole, ground, known, rng, self._find_parking_lines(document, grid))
+
+    def _find_parking_lines(self, document: Document, grid: GroundGrid) -> Bool[ndarray, " b"] | None:
+        lines = np.zeros(grid.shape[1], bool)
+        for number in self.behind:
+            if number in document.scene.table:
+                rows = document.find_rows((number,))
+                rows = rows[(document.scene.nodes[rows] == 0) & ~find_away(document.transforms, rows)]
+                lines |= find_parking_lines(select_solid_points(document, rows), grid)
+        return lines if lines.any() else None
 
 
 def _check_cells(cells: Sequence[object], may_be_none: bool) -> tuple[tuple[int, int], ...]:

@@ -45,6 +45,16 @@ class BlendWeights:
         indptr = np.concatenate([[0], np.cumsum(counts[kept])]).astype(np.int64)
         return BlendWeights(indptr, self.rows[entries], self.weights[entries])
 
+    def replace_pixels(self, replaced: Bool[ndarray, " p"], others: BlendWeights) -> BlendWeights:
+        """Copy the matrix with other entries for some pixels: those of `others`, in the same order."""
+        counts = np.diff(self.indptr)
+        old, counts[replaced] = np.repeat(~replaced, counts), np.diff(others.indptr)
+        new = np.repeat(replaced, counts)
+        rows, weights = np.empty(len(new), np.int32), np.empty(len(new), np.float32)
+        rows[~new], weights[~new] = self.rows[old], self.weights[old]
+        rows[new], weights[new] = others.rows, others.weights
+        return BlendWeights(np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), rows, weights)
+
 
 def compute_blend_weights(
     means: Float[ndarray, "n 3"],

@@ -218,6 +218,8 @@ def test_holes_wait_while_other_things_are_deleted_and_one_is_dismissed(two_hole
         finish(session)
     review = session.deletion.review
     assert [found.report.name for found in review.pending] == ["Car 7", "Car 8"]
+    kept = [found.report.record is not None for found in review.pending]
+    assert kept == [False, True], "only the last report keeps what the photos showed"
     session.actions.run("deletion.clear")
     assert len(review.pending) == 1, "only the report that is shown is dismissed"
     session.history.undo()

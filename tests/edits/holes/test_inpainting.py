@@ -98,3 +98,13 @@ def test_lines_without_known_cells_lie_between_their_neighbours() -> None:
     known[:, 2] = False
     assert np.allclose(profile_lines(values, known, 3.0), [0, 1, 5, 9, 16])
     assert not profile_lines(values, np.zeros_like(known), 3.0).any()
+
+
+def test_lines_under_what_stands_lowest_are_no_slope_up_to_the_kerb():
+    heights = np.tile([0.0, 0, 9, 9, 9, 9, 9, 0.15, 0.15], (6, 1))
+    known = np.broadcast_to(heights[0] < 1, heights.shape)
+    lowest = np.array([0, 0, 0, 1, 1, 0, 0, 0, 1], bool)
+    told = profile_lines(heights, known, 3.0, lowest)
+    np.testing.assert_allclose(told[2], [0, 0, 0, 0, 0, 0.15, 0.15, 0.15, 0.15])
+    mirrored = profile_lines(heights[:, ::-1], known[:, ::-1], 3.0, lowest[::-1])
+    np.testing.assert_allclose(mirrored, told[:, ::-1])

@@ -35,3 +35,18 @@ def test_what_is_not_known_does_not_count():
 def test_no_hole_changes_nothing():
     ramp, hole, offsets = picture_with_hole()
     np.testing.assert_array_equal(blend_copies(ramp, ~hole, np.zeros_like(hole), offsets), ramp)
+
+
+def test_copies_meet_at_a_kerb_with_its_step():
+    picture, levels = np.full((30, 20, 1), 0.3), np.zeros((30, 20))
+    picture[:, 10:], levels[:, 10:] = 0.7, 0.15
+    hole = np.zeros((30, 20), bool)
+    hole[16:28, 4:16] = True
+    offsets = np.zeros((30, 20, 2), np.int64)
+    offsets[hole] = (-14, 0)
+    offsets[16:28, 10:13] = (-14, -6)  # the carriageway reaches farther here
+    known = ~hole
+    known[28:] = known[:, 16:] = False
+    road = blend_copies(picture, known, hole, offsets, levels=levels)[16:28, 11, 0]
+    np.testing.assert_allclose(road, 0.3, atol=1e-6)
+    assert blend_copies(picture, known, hole, offsets)[16:28, 11, 0].max() > 0.4, "the kerb would be smoothed away"
