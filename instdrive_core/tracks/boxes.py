@@ -19,7 +19,7 @@ PERSON_LENGTH, PERSON_WIDTH, PERSON_HEIGHTS = 1.25, 1.1, (0.9, 2.2)
 """Metres that a person's points measure at most, and the heights between which they end."""
 NARROW, SHORT = 1.15, 2.6
 """Metres: what is narrower and shorter runs on two wheels."""
-HEADROOM, OVERHEAD = 0.2, 0.3
+HEADROOM, OVERHEAD = 0.2, 0.4
 """Metres of air above somebody's head, and share of the points that may lie above it: an awning or a sign that was
 taken along."""
 GROWN = 0.05
