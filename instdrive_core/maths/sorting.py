@@ -33,20 +33,20 @@ def sort_back_to_front(depths: Float32[ndarray, " n"], near: float) -> UInt32[nd
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check  # the tests' shape checks cannot be compiled
 def _sort(depths, near):
-    count, low, high = _survey_chunk(depths, near, 0, len(depths))
+    count, low, high = _survey(depths, near)
     rows, half_rows = np.empty(count, np.int32), np.empty(count, np.int32)
     if count == 0:
         return rows
     keys, half_keys = np.empty(count, np.uint32), np.empty(count, np.uint32)
     digits = _choose_digits(low, high)
-    counters = np.zeros((1, 1 << digits), np.int32)
-    _compact_chunk(depths, near, np.uint32(low), 0, len(depths), 0, rows, keys, counters[0])
+    counters = np.zeros(1 << digits, np.int32)
+    _compact(depths, near, np.uint32(low), rows, keys, counters)
     _turn_into_cursors(counters)
-    _scatter_chunk(rows, keys, 0, count, 0, counters[0], half_rows, half_keys)
+    _scatter(rows, keys, 0, counters, half_rows, half_keys)
     counters[:] = 0
-    _count_chunk(half_keys, 0, count, digits, counters[0])
+    _count(half_keys, digits, counters)
     _turn_into_cursors(counters)
-    _scatter_chunk(half_rows, half_keys, 0, count, digits, counters[0], rows, keys)
+    _scatter(half_rows, half_keys, digits, counters, rows, keys)
     return rows
 
 
@@ -63,22 +63,21 @@ def _choose_digits(low, high):
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def _turn_into_cursors(counters):
-    """Turn counts into where each chunk's first entry of a digit goes: digit by digit, within it chunk by chunk."""
+    """Turn counts into where the first entry of each digit goes."""
     place = np.int32(0)
-    for digit in range(counters.shape[1]):
-        for chunk in range(counters.shape[0]):
-            count = counters[chunk, digit]
-            counters[chunk, digit] = place
-            place += count
+    for digit in range(len(counters)):
+        count = counters[digit]
+        counters[digit] = place
+        place += count
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
-def _survey_chunk(depths, near, start, stop):
+def _survey(depths, near):
     """Count the depths that matter; returns their number, and the least and the greatest of their bits."""
     bits = depths.view(np.uint32)
     number, low, high = np.int64(0), np.int64(0xFFFFFFFF), np.int64(0)
-    for row in range(start, stop):
+    for row in range(len(depths)):
         if near < depths[row] < np.float32(np.inf):
             number += 1
             low, high = min(low, np.int64(bits[row])), max(high, np.int64(bits[row]))
@@ -87,10 +86,10 @@ def _survey_chunk(depths, near, start, stop):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
-def _compact_chunk(depths, near, base, start, stop, first, rows, keys, counters):
-    """Write the rows that count and their keys from place `first` on, and count the keys' lower digits."""
-    bits, mask, place = depths.view(np.uint32), np.uint32(len(counters) - 1), np.uint64(first)
-    for row in range(start, stop):
+def _compact(depths, near, base, rows, keys, counters):
+    """Write the rows that count and their keys, and count the keys' lower digits."""
+    bits, mask, place = depths.view(np.uint32), np.uint32(len(counters) - 1), np.uint64(0)
+    for row in range(len(depths)):
         if near < depths[row] < np.float32(np.inf):
             key = np.uint32(bits[row] - base)
             rows[place], keys[place] = row, key
@@ -100,17 +99,17 @@ def _compact_chunk(depths, near, base, start, stop, first, rows, keys, counters)
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
-def _count_chunk(keys, start, stop, shift, counters):
+def _count(keys, shift, counters):
     mask = np.uint32(len(counters) - 1)
-    for place in range(np.uint64(start), np.uint64(stop)):
+    for place in range(np.uint64(len(keys))):
         counters[np.uint64((keys[place] >> np.uint32(shift)) & mask)] += 1
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
-def _scatter_chunk(rows, keys, start, stop, shift, cursors, out_rows, out_keys):
+def _scatter(rows, keys, shift, cursors, out_rows, out_keys):
     mask = np.uint32(len(cursors) - 1)
-    for place in range(np.uint64(start), np.uint64(stop)):
+    for place in range(np.uint64(len(keys))):
         digit = np.uint64((keys[place] >> np.uint32(shift)) & mask)
         target = np.uint64(cursors[digit])
         cursors[digit] += 1

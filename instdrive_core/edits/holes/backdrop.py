@@ -14,10 +14,10 @@ from numpy import ndarray
 from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
-from scipy.spatial import KDTree
 
 from instdrive_core.edits.holes.ground_in_photo import GroundInPhoto, project_ground
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
+from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
 from instdrive_core.edits.holes.photo_evidence import MIN_COVER, Look
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.queries.compact_objects import is_compact, is_tall
@@ -83,11 +83,7 @@ def plan_backdrop(
     like = np.zeros(0, np.int64)
     if len(whole):
         still = np.flatnonzero(scene.nodes == 0)
-        like = still[
-            np.asarray(
-                KDTree(scene.gaussians.means[still], balanced_tree=False, compact_nodes=False).query(whole.means)[1]
-            )
-        ]
+        like = still[find_nearest_rows(scene.gaussians.means[still], whole.means)]
     return Backdrop(whole, like)
 
 

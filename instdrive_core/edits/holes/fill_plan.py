@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy import ndimage
-from scipy.spatial import KDTree
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_map import BARE, GROUND_BAND, GroundMap, build_ground_map
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells, profile_lines
+from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.errors import EditError
@@ -123,7 +123,7 @@ def plan_fill(
     places = np.concatenate([surface, bed])
     flat = np.flatnonzero(ground.ground)
     origins = np.concatenate([np.argwhere(fine_hole) // DETAIL, np.argwhere(hole)])
-    like = flat[_find_nearest_rows(grid, near, flat, sources[tuple(origins.T)])]
+    like = flat[find_nearest_rows(near.means[flat][:, :2], grid.compute_centers(sources[tuple(origins.T)]))]
     scales = TILE_SPREAD * np.repeat([fine.grid.size, grid.size], [len(surface), len(bed)])
     return FillPlan(
         places, np.clip(np.concatenate([colors[fine_hole], bed_colors]), 0, 1), near.rows[like], scales,
@@ -170,14 +170,6 @@ def _estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float
     weights = ndimage.gaussian_filter(low.astype(np.float64), spread, mode="nearest")
     sums = ndimage.gaussian_filter(np.where(low, ground.height, 0), spread, mode="nearest")
     return sums / np.maximum(weights, 1e-6)
-
-
-def _find_nearest_rows(
-    grid: GroundGrid, near: Neighborhood, flat: Int64[ndarray, " f"], cells: Int64[ndarray, "h 2"]
-) -> Int64[ndarray, " h"]:
-    return np.asarray(
-        KDTree(near.means[flat][:, :2], balanced_tree=False, compact_nodes=False).query(grid.compute_centers(cells))[1]
-    )
 
 
 def _find_replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:

@@ -121,14 +121,14 @@ def _count(
     points: ndarray,
     cameras: ndarray,
     hulls: tuple[ndarray, ndarray, ndarray],
-    scene: tuple[ndarray, ndarray, ndarray],
+    bodies: tuple[ndarray, ndarray, ndarray],
     chosen: int,
     seen: ndarray,
     hidden: ndarray,
 ) -> None:
     """Point by point: which photos show it, and what stands between."""
     starts = hulls[1]
-    near, poses, moves = scene[0], scene[1], scene[2]
+    near, poses, moves = bodies
     for i in numba.prange(len(points)):
         place = points[i, 0], points[i, 1], points[i, 2]
         for view in range(len(cameras)):

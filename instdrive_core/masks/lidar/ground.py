@@ -116,9 +116,8 @@ def _select_ground_cells(lowest: Float64[ndarray, "x y"]) -> Bool[ndarray, "x y"
 def _smooth(heights: Float64[ndarray, "x y"], sigma: float) -> Float64[ndarray, "x y"]:
     """Smooth the known heights by a Gaussian mean; where none is near, the surface is draped over them."""
     known = np.isfinite(heights)
+    if not known.any():
+        return np.zeros_like(heights)
     weights = ndimage.gaussian_filter(known.astype(float), sigma)
     sums = ndimage.gaussian_filter(np.where(known, heights, 0), sigma)
-    enough = weights > 1e-3
-    if not enough.any():
-        return np.full_like(heights, np.nanmin(heights) if known.any() else 0.0)
-    return np.where(enough, sums / np.maximum(weights, 1e-12), drape_surface(heights))
+    return np.where(weights > 1e-3, sums / np.maximum(weights, 1e-12), drape_surface(heights))

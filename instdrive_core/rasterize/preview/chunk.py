@@ -10,13 +10,13 @@ from jaxtyping import Float32, UInt64
 from numpy import ndarray
 
 from instdrive_core.rasterize.kernels.blend import allocate_aligned_zeros
+from instdrive_core.rasterize.kernels.simd import WIDTH
 from instdrive_core.rasterize.preview.splats import SPLAT_FLOATS
 
 CHUNK = 128
 """Rows of a chunk."""
-_WIDTH = 16
-COLUMNS, BOXES = np.uint64(SPLAT_FLOATS * _WIDTH), np.uint64(2 * _WIDTH)
-"""Floats of a group of sixteen rows: columns of lines, and the bits of boxes."""
+COLUMNS, BOXES = np.uint64(SPLAT_FLOATS * WIDTH), np.uint64(2 * WIDTH)
+"""Floats of a group of sixteen rows: columns of lines, and the bits of their tiles."""
 
 
 class Chunk(NamedTuple):
@@ -25,7 +25,7 @@ class Chunk(NamedTuple):
     columns: Float32[ndarray, " 8*256"]
     """Group by group, for each column of a line sixteen numbers."""
     boxes: Float32[ndarray, " 8*32"]
-    """Group by group the rows of `ProjectedSplats.boxes`, as bits."""
+    """Group by group the rows of `ProjectedSplats.tiles`, as bits."""
     seen: UInt64[ndarray, " 8"]
     """The visible rows of each group, a bit each."""
     fresh: UInt64[ndarray, " 8"]
@@ -41,7 +41,7 @@ class Chunk(NamedTuple):
 @numba.njit(cache=True, error_model="numpy")
 def new_chunk(values):
     """Make memory for chunks, one after the other, with `values` harmonics above the constant."""
-    groups = CHUNK // _WIDTH
+    groups = CHUNK // WIDTH
     return Chunk(
         allocate_aligned_zeros(groups * np.int64(COLUMNS)),
         allocate_aligned_zeros(groups * np.int64(BOXES)),
@@ -49,5 +49,5 @@ def new_chunk(values):
         np.zeros(groups, np.uint64),
         allocate_aligned_zeros(3 * CHUNK),
         np.empty((values, CHUNK), np.float32),
-        np.empty(_WIDTH, np.uint64),
+        np.empty(WIDTH, np.uint64),
     )

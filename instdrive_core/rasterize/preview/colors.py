@@ -15,6 +15,7 @@ from instdrive_core.maths.spherical_harmonics import Y0
 from instdrive_core.rasterize.kernels.lane_shuffles import interleave_lanes, load_columns, load_turned, take_member
 from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.simd import (
+    WIDTH,
     LaneBlock,
     build_block,
     choose,
@@ -30,7 +31,7 @@ from instdrive_core.rasterize.kernels.view_colors import fill_basis
 from instdrive_core.rasterize.preview.chunk import CHUNK, COLUMNS
 from instdrive_core.rasterize.preview.splats import AT_COLOR
 
-_WIDTH, _LANES = 16, np.uint64(16)
+_LANES = np.uint64(WIDTH)
 _AHEAD = np.uint64(1)
 """So many groups ahead harmonics are fetched."""
 _CUBIC = 15
@@ -45,7 +46,7 @@ class RememberedColors:
     def __init__(self, count: int) -> None:
         self.colors = np.empty((count, 3), np.float32)
         """RGB; undefined where it is not known."""
-        self.known = np.zeros(-(-count // _WIDTH), np.uint16)
+        self.known = np.zeros(-(-count // WIDTH), np.uint16)
         """Bits of those that are known among each sixteen rows."""
 
     def forget(self) -> None:
@@ -194,7 +195,7 @@ def _add_harmonics(typingctx, colors, coefficients, basis, place, number, skippe
         sums = [builder.extract_value(args[0], channel) for channel in range(3)]
         data = context.make_array(signature.args[2])(context, builder, args[2]).data
         vector = sums[0].type
-        for k in range(left_out, _WIDTH):
+        for k in range(left_out, WIDTH):
             value, channel = divmod(first + k, 3)
             at = builder.gep(data, [builder.add(args[3], ir.IntType(64)(value * CHUNK))])
             factor = builder.load(builder.bitcast(at, vector.as_pointer()), align=4)

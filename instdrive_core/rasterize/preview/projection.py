@@ -24,6 +24,7 @@ from instdrive_core.rasterize.kernels.lane_shuffles import (
 from instdrive_core.rasterize.kernels.project import FLAGS, camera_to_row
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.rasterize.kernels.simd import (
+    WIDTH,
     choose,
     fill_lanes,
     greatest,
@@ -55,9 +56,8 @@ from instdrive_core.rasterize.preview.splats import (
 )
 from instdrive_core.scene.camera import Camera
 
-_LANES = np.uint64(16)
-_CHUNK, _CHUNKS_PER_TASK = CHUNK, 16
-_ROWS = np.uint64(_CHUNK)
+_LANES, _ROWS = np.uint64(WIDTH), np.uint64(CHUNK)
+_CHUNKS_PER_TASK = 16
 _SLACK = np.float32(1e-4)
 """Slack of exponents, so that rounding never loses a tile with a fragment that is drawn."""
 
@@ -261,7 +261,7 @@ def _write_chunk(chunk, start, count, first_row, lines, depths, boxes):
 def _project(arrays, last, view, constants, harmonics, turned, recolored, written, first_row):
     lines, depths, boxes = written
     count, values = np.uint64(len(depths)), harmonics[1].shape[1]
-    chunks, flat, rest = (len(depths) + _CHUNK - 1) // _CHUNK, lines.reshape(-1), harmonics[1].reshape(-1)
+    chunks, flat, rest = (len(depths) + CHUNK - 1) // CHUNK, lines.reshape(-1), harmonics[1].reshape(-1)
     means, quats, log_scales, opacities = arrays[0].reshape(-1), arrays[1].reshape(-1), arrays[2].reshape(-1), arrays[3]
     part = last[0].reshape(-1), last[1].reshape(-1), last[2].reshape(-1), last[3]
     dc, matrices, rotations = harmonics[0].reshape(-1), recolored[1].reshape(-1), turned[1].reshape(-1)

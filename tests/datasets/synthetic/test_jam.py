@@ -70,8 +70,8 @@ def test_a_recorded_jam_says_so_and_older_streets_flow(tmp_path: Path) -> None:
     config = json.loads(file.read_text())
     assert config["traffic"] == "jam"
     assert StreetUnits(tmp_path / "clip").street is build_street(TINY)
-    stationary = json.loads((tmp_path / "clip" / "labels" / "instances.json").read_text())
-    assert {item["class"] for item in stationary.values()} >= {"Car", "Building"}
+    instances = json.loads((tmp_path / "clip" / "labels" / "instances.json").read_text())
+    assert {item["class"] for item in instances.values()} >= {"Car", "Building"}
     del config["traffic"]
     file.write_text(json.dumps(config))
     flowing = StreetUnits(tmp_path / "clip").street

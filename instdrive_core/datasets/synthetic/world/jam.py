@@ -50,11 +50,8 @@ def plan_jam(ego: Route, rng: np.random.Generator) -> list[QueuedVehicle]:
     for pace, x, bumper, order, length, yaw in queues:
         for model, along, own_pace in _line_up(pace, bumper, order, length, rng):
             y = along if yaw == 0 else -along
-            planned.append(
-                QueuedVehicle(
-                    model, Route(x + float(rng.uniform(-0.1, 0.1)), y, yaw + rng.normal(0, 0.01), pace=own_pace)
-                )
-            )
+            aside, askew = float(rng.uniform(-0.1, 0.1)), rng.normal(0, 0.01)
+            planned.append(QueuedVehicle(model, Route(x + aside, y, yaw + askew, pace=own_pace)))
     return planned
 
 

@@ -67,20 +67,22 @@ def build_street(config: StreetConfig) -> Street:
     ]
     height = partial(compute_street_height, crossing=crossing)
     works_place = float(rng["parked"].uniform(9, 19))
-    jammed = config.traffic == JAM
-    ego = draw_jammed_ego_route(rng["traffic"]) if jammed else None
+    is_jammed = config.traffic == JAM
+    parked = park_cars(crossing, works_place, rng["parked"], palette, span, (-1,) if is_jammed else (-1, 1))
+    if is_jammed:
+        ego = draw_jammed_ego_route(rng["traffic"])
+        traffic = build_jammed_traffic(ego, crossing, rng["traffic"], palette)
+    else:
+        traffic = build_traffic(crossing, rng["traffic"], palette, span, spread)
+        ego = draw_ego_route(rng["traffic"])
     actors = [
-        *park_cars(crossing, works_place, rng["parked"], palette, span, (-1,) if jammed else (-1, 1)),
-        *(
-            build_traffic(crossing, rng["traffic"], palette, span, spread)
-            if ego is None
-            else build_jammed_traffic(ego, crossing, rng["traffic"], palette)
-        ),
+        *parked,
+        *traffic,
         *build_walkers(crossing, places, rng["people"], palette, span, spread),
         *build_road_works(works_place, rng["parked"], palette),
     ]
     return Street(
-        tuple(fixtures), tuple(actors), ego or draw_ego_route(rng["traffic"]), crossing, palette.table(),
+        tuple(fixtures), tuple(actors), ego, crossing, palette.table(),
         _draw_light(rng["light"]), float(rng["light"].uniform(-np.pi, np.pi)), height,
     )  # fmt: skip
 
