@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64, UInt64
+from jaxtyping import Bool, Int64, UInt64
 from numpy import ndarray
 
+from instdrive_core.maths.extent import CORE_SHARE, Extent, measure_extent
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import Phrase, count_phrase, phrase
@@ -25,10 +26,6 @@ VISIBLE_OPACITY = 1 / 255
 """Rasterizers pass over what covers less than one step of an 8-bit picture (Kerbl et al. 2023)."""
 SHORTEST_QUATERNION = 1e-6
 """Shorter ones are as good as zero: float32 squares lose their digits, and the direction is noise."""
-MIN_ROWS = 20
-"""Fewer splats have no extent to measure others by."""
-CORE_SHARE = 0.95
-"""The share of splats whose distance from the median is the scene's radius."""
 FAR_RADII = 20.0
 """A splat this many radii away is an outlier; distant buildings and hills of a drive are nearer."""
 CHUNK_ROWS = 65536
@@ -48,18 +45,6 @@ class Defect:
     remedy: str
 
 
-@dataclass(frozen=True)
-class _Extent:
-    """How far the background reaches."""
-
-    rows: Int64[ndarray, " m"]
-    """Background splats at finite places."""
-    distances: Float64[ndarray, " m"]
-    """Metres from the median of each axis."""
-    radius: float
-    """Metres that hold `CORE_SHARE` of them; above 0."""
-
-
 def find_defects(scene: Scene) -> tuple[Defect, ...]:
     """Find the defects of a scene, the most harmful first; nothing is changed.
 
@@ -67,7 +52,8 @@ def find_defects(scene: Scene) -> tuple[Defect, ...]:
     only: actors lie in frames of their own.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        extent = _measure_extent(scene)
+        means = scene.gaussians.means
+        extent = measure_extent(means, np.flatnonzero((scene.nodes == 0) & ~_find_rows_not_finite(means)))
         findings = (
             _find_not_finite(scene),
             _find_zero_quaternions(scene),
@@ -137,20 +123,7 @@ def _find_zero_quaternions(scene: Scene) -> Defect | None:
     return _create_defect("zero_quaternion", squares < SHORTEST_QUATERNION**2, describe, remedy)
 
 
-def _measure_extent(scene: Scene) -> _Extent | None:
-    """None where too few splats, or most of them in one point, leave nothing to measure by."""
-    means = scene.gaussians.means
-    rows = np.flatnonzero((scene.nodes == 0) & ~_find_rows_not_finite(means))
-    if len(rows) < MIN_ROWS:
-        return None
-    offsets = means[rows].astype(np.float64)
-    offsets -= np.median(offsets, axis=0)
-    distances = np.sqrt(np.einsum("ni,ni->n", offsets, offsets))
-    radius = float(np.quantile(distances, CORE_SHARE))
-    return _Extent(rows, distances, radius) if radius > 0 else None
-
-
-def _find_giant_scales(scene: Scene, extent: _Extent | None) -> Defect | None:
+def _find_giant_scales(scene: Scene, extent: Extent | None) -> Defect | None:
     if extent is None:
         return None
     longest = scene.gaussians.log_scales.max(axis=1)
@@ -168,7 +141,7 @@ def _find_giant_scales(scene: Scene, extent: _Extent | None) -> Defect | None:
     return _create_defect("giant_scale", wrong, describe, remedy)
 
 
-def _find_far_outliers(scene: Scene, extent: _Extent | None) -> Defect | None:
+def _find_far_outliers(scene: Scene, extent: Extent | None) -> Defect | None:
     if extent is None:
         return None
     limit = FAR_RADII * extent.radius

@@ -31,6 +31,7 @@ from instdrive_core.training.gaussians.edit_guard import EditGuard
 from instdrive_core.training.gaussians.lineage import Lineage
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.gaussians.optimizers import Optimizers
+from instdrive_core.training.gaussians.size_limit import limit_sizes
 from instdrive_core.training.gaussians.view_rendering import RenderedView, render_view
 from instdrive_core.training.instances.feature_weights import CachedView, blend_features
 from instdrive_core.training.instances.instance_learner import cache_views
@@ -314,8 +315,10 @@ class Trainer:
             optimizer.step(rows, {"features": everywhere}, None)
 
     def after_rgb_step(self) -> DensifyDone | None:
-        """Grow and prune where the schedule says so; the step at `iteration` has just been done."""
+        """Limit sizes, grow and prune where the schedule says so; the step at `iteration` has just been done."""
         config, total = self.config.densify, self.config.geometry.iterations
+        if self.iteration % config.every == 0 or self.iteration == total - 1:
+            limit_sizes(self.model.parameters, self.model.nodes, None if self.lineage is None else self.lineage.stands)
         if is_densifying_due(config, self.iteration, total):
             rng = make_generator(self.config.seed, Stream.DENSIFY, self.iteration)
             result = densify_and_prune(
