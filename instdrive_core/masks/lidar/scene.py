@@ -71,6 +71,11 @@ class LidarScene:
         """The lowest ID of a thing."""
         return int(np.searchsorted(self.kinds, THING))
 
+    @property
+    def ground(self) -> Float32[ndarray, "k 3"]:
+        """The points of the ground."""
+        return self.points[self.kinds[self.ids] == GROUND]
+
     def group_things(self) -> dict[int, Float32[ndarray, "k 3"]]:
         """Group the points of each thing that stands still."""
         order = np.argsort(self.ids, kind="stable")

@@ -59,10 +59,8 @@ def add_lidar_masks(observed: MaskWeights, things: Int64[ndarray, " n"], share: 
         return observed
     _, masks = np.unique(things[rows], return_inverse=True)
     count = int(masks.max()) + 1
-    weights = observed.sum_weights()[rows] / observed.layers
-    if observed.unmasked is not None:
-        weights += observed.unmasked[rows]
-    added = csr_array(((share * weights).astype(np.float32), (rows, masks)), shape=(len(observed), count))
+    weights = share * observed.sum_shown()[rows]
+    added = csr_array((weights.astype(np.float32), (rows, masks)), shape=(len(observed), count))
     joined = csr_array(hstack([observed.weights, added], format="csr", dtype=np.float32))
     joined.sort_indices()
     photo = int(observed.view_of_mask.max(initial=-1)) // observed.layers + 1

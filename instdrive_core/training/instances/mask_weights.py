@@ -54,12 +54,16 @@ class MaskWeights:
         """Sum the weight of each Gaussian over all masks."""
         return np.asarray(self.weights.sum(axis=1), np.float32).ravel()
 
+    def sum_shown(self) -> Float32[ndarray, " n"]:
+        """Sum each Gaussian's blending weight in all photos, whether in masks (of one layer) or in none."""
+        masked = self.sum_weights() / self.layers
+        return masked if self.unmasked is None else masked + self.unmasked
+
     def compute_unmasked_shares(self) -> Float32[ndarray, " n"]:
         """Compute the share of each Gaussian's weight that no mask covers; 0 where it was not seen."""
         if self.unmasked is None:
             return np.zeros(len(self), np.float32)
-        masked = self.sum_weights() / self.layers
-        return self.unmasked / np.maximum(self.unmasked + masked, 1e-6)
+        return self.unmasked / np.maximum(self.sum_shown(), 1e-6)
 
 
 def measure_mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) -> MaskWeights:

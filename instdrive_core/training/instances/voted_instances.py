@@ -23,6 +23,7 @@ from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.affinity_graph import merge_groups
 from instdrive_core.training.instances.instance_learner import LearnedInstances
+from instdrive_core.training.instances.level_ground import join_level_ground
 from instdrive_core.training.instances.lidar_things import add_lidar_masks, assign_lidar_things, measure_silence
 from instdrive_core.training.instances.mask_votes import compute_vote_shares, vote_groups
 from instdrive_core.training.instances.mask_weights import MaskWeights, measure_mask_weights
@@ -52,15 +53,20 @@ def vote_instances(
     means = model.parameters["means"].detach().numpy()
     masks = len(observed.view_of_mask)
     silence = measure_silence(observed, model.nodes == 0)
+    shown, lidar = observed.sum_shown(), None
     if build_lidar is not None and silence >= config.graph.min_silence:
         on_note(f"{silence / (1 + silence):.0%} of what the photos show is in no mask: LiDAR has a say in it")
-        things = assign_lidar_things(means, model.nodes, build_lidar(), config.graph.lidar_reach)
+        lidar = build_lidar()
+        things = assign_lidar_things(means, model.nodes, lidar, config.graph.lidar_reach)
         observed = add_lidar_masks(observed, things, silence)
     groups = _first_groups(observed, means, model.nodes, config.graph)
     groups = vote_groups(observed, groups, model.nodes > 0, config.graph)
     if config.graph.max_unmasked < 1:
         groups = _refill_unmasked(groups, observed, model, config.graph)
     groups = fill_from_nearest(groups, means, model.nodes)
+    if lidar is not None:
+        colors = color_from_dc(model.parameters["sh_dc"].detach().numpy())
+        groups = join_level_ground(groups, shown, model.nodes, means, colors, lidar.ground)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
     groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, compute_vote_shares(observed, groups))
     _, groups = np.unique(groups, return_inverse=True)

@@ -1,0 +1,213 @@
+"""Pieces of one road that segmenters keep apart are joined: LiDAR tells that they meet without a step.
+
+Cars that stand on a road, and its own size, cut it into several masks, in each photo the same ones. No photo shows that
+they belong together; but a road is level where its pieces meet, while a kerb stands between it and the pavement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64, UInt16
+from numpy import ndarray
+from scipy.ndimage import uniform_filter
+from scipy.spatial import KDTree
+
+REACH = 0.6
+"""Metres within which Gaussians tell what a LiDAR point lies on."""
+NEIGHBORS = 8
+"""Gaussians that are asked at most."""
+BLUR = 0.1
+"""Metres: nearer Gaussians count hardly more than one at this distance."""
+NEAR, ABOVE, ABOVE_PER_METRE = 1.0, 0.15, 0.05
+"""Metres: a Gaussian lies on the ground if a point of it is no farther along the ground than the first, and no more
+higher or lower than the second, plus the third for each metre between them."""
+GROUND_SHARE = 0.5
+"""Share of a group's weight from which on it is ground."""
+CELL = 0.5
+"""Metres along a side of the cells whose heights and colours are compared."""
+NEAREST, FARTHEST = 2.9, 4.1
+"""Cells from one side of a border to the other: on the border itself, points of both are mixed."""
+SLOPE_CELLS = 25
+"""Cells along a side of the squares whose slope is no step."""
+STEP = 0.025
+"""Metres, a quarter of a kerb; roads are bumpy by half of that. (On PandaSet, pavements rise by 0.03 to 0.12 m.)"""
+COLOR_DIFFERENCE = 0.1
+"""Difference in a channel of 0 to 1 above which two surfaces are of other stuff, or in other light."""
+MIN_MEETINGS = 8
+"""Pairs of cells from which on two pieces meet: about a metre of border."""
+
+
+@dataclass(frozen=True)
+class _Meetings:
+    """What two groups measure of each other where they meet."""
+
+    steps: Float32[ndarray, " k"]
+    """Metres that the group with the higher number lies above the other."""
+    colors: Float32[ndarray, "k 3"]
+    """What its colour is more."""
+
+    def are_level(self) -> bool:
+        """Whether there are enough of them, and half of them neither rise nor change colour."""
+        if len(self.steps) < MIN_MEETINGS or abs(float(np.median(self.steps))) > STEP:
+            return False
+        return float(np.abs(np.median(self.colors, axis=0)).max()) <= COLOR_DIFFERENCE
+
+
+def join_level_ground(
+    groups: Int64[ndarray, " n"],
+    weights: Float32[ndarray, " n"],
+    nodes: UInt16[ndarray, " n"],
+    means: Float32[ndarray, "n 3"],
+    colors: Float32[ndarray, "n 3"],
+    ground: Float32[ndarray, "p 3"],
+) -> Int64[ndarray, " n"]:
+    """Give all pieces of ground that meet without a step, in the same colour, one group: the one that most points show.
+
+    Args:
+        groups: of each Gaussian; -1 = none.
+        weights: how much of the photos each shows; 0 = it has no say.
+        nodes: 0 = it stands still; others have no say.
+        means: metres, in the world.
+        colors: RGB, 0 to 1.
+        ground: LiDAR points of the ground, in the world; z is up.
+    """
+    told = np.flatnonzero((weights > 0) & (groups >= 0) & (nodes == 0))
+    if not len(told) or not len(ground):
+        return groups
+    count = int(groups.max()) + 1
+    lying = told[_find_lying(means[told], ground)]
+    named = groups >= 0
+    totals = np.bincount(groups[named], weights[named], count)
+    shares = np.bincount(groups[lying], weights[lying], count) / np.maximum(totals, 1e-12)
+    labels, shown = _label_points(ground, means[told], groups[told], weights[told], colors[told])
+    chosen = np.flatnonzero(labels >= 0)
+    chosen = chosen[shares[labels[chosen]] > GROUND_SHARE]
+    if len(chosen) < 2:
+        return groups
+    sizes = np.bincount(labels[chosen], minlength=count)
+    names = _join(_measure_meetings(ground[chosen], labels[chosen], shown[chosen]), sizes)
+    return np.where(groups >= 0, names[groups], -1)
+
+
+def _find_lying(means: Float32[ndarray, "m 3"], ground: Float32[ndarray, "p 3"]) -> Bool[ndarray, " m"]:
+    """Find the Gaussians that lie on the ground."""
+    distances, found = KDTree(ground[:, :2]).query(
+        means[:, :2], distance_upper_bound=NEAR, workers=numba.get_num_threads()
+    )
+    heights = means[:, 2] - ground[np.minimum(found, len(ground) - 1), 2]
+    return np.isfinite(distances) & (np.abs(heights) <= ABOVE + ABOVE_PER_METRE * distances)
+
+
+def _label_points(
+    points: Float32[ndarray, "p 3"],
+    means: Float32[ndarray, "m 3"],
+    groups: Int64[ndarray, " m"],
+    weights: Float32[ndarray, " m"],
+    colors: Float32[ndarray, "m 3"],
+) -> tuple[Int64[ndarray, " p"], Float32[ndarray, "p 3"]]:
+    """Find the group and colour that the nearest Gaussians give to each LiDAR point; -1 where none is near."""
+    near = min(NEIGHBORS, len(means))
+    tree = KDTree(means)
+    distances, found = tree.query(points, near, distance_upper_bound=REACH, workers=numba.get_num_threads())
+    distances, found = distances.reshape(-1, near), found.reshape(-1, near)
+    asked = np.minimum(found, len(means) - 1)
+    ballots = np.where(np.isfinite(distances), weights[asked] / (distances**2 + BLUR**2), 0)
+    named = groups[asked]
+    sums = np.stack([(ballots * (named == named[:, [k]])).sum(axis=1) for k in range(near)], axis=1)
+    best = np.argmax(sums, axis=1)[:, None]
+    labels = np.take_along_axis(named, best, axis=1)
+    agreeing = np.where(named == labels, ballots, 0)
+    total = agreeing.sum(axis=1)
+    shown = np.einsum("pk,pkc->pc", agreeing, colors[asked]) / np.maximum(total, 1e-12)[:, None]
+    return np.where(total > 0, labels[:, 0], -1), shown.astype(np.float32)
+
+
+def _measure_meetings(
+    points: Float32[ndarray, "p 3"], labels: Int64[ndarray, " p"], colors: Float32[ndarray, "p 3"]
+) -> dict[tuple[int, int], _Meetings]:
+    """Compare cells of different groups across their border, by pair of groups in ascending order."""
+    cells = np.floor(points[:, :2] / CELL).astype(np.int64)
+    cells -= cells.min(axis=0)
+    entries, entry = np.unique(np.column_stack([cells, labels]), axis=0, return_inverse=True)
+    counts = np.bincount(entry.ravel())
+    values = np.column_stack([points, colors]).astype(np.float64)
+    middles = np.stack([np.bincount(entry.ravel(), column) / counts for column in values.T], axis=1)
+    slopes = _measure_slopes(entries[:, :2], middles[:, :3])
+    pairs = _find_pairs(entries[:, :2])
+    pairs = pairs[entries[pairs[:, 0], 2] != entries[pairs[:, 1], 2]]
+    turned = entries[pairs[:, 0], 2] > entries[pairs[:, 1], 2]
+    pairs[turned] = pairs[turned][:, ::-1]
+    differences = middles[pairs[:, 1]] - middles[pairs[:, 0]]
+    differences[:, 2] -= (slopes[pairs].mean(axis=1) * differences[:, :2]).sum(axis=1)
+    differences = differences[:, 2:].astype(np.float32)
+    between, pair = np.unique(entries[pairs, 2], axis=0, return_inverse=True)
+    meetings = {}
+    for number, (one, other) in enumerate(between.tolist()):
+        part = differences[pair.ravel() == number]
+        meetings[one, other] = _Meetings(part[:, 0], part[:, 1:])
+    return meetings
+
+
+def _find_pairs(cells: Int64[ndarray, "e 2"]) -> Int64[ndarray, "k 2"]:
+    """Find the pairs of entries whose cells lie across a border from each other."""
+    pairs = KDTree(cells.astype(np.float64)).query_pairs(FARTHEST, output_type="ndarray")
+    apart = np.linalg.norm(cells[pairs[:, 0]] - cells[pairs[:, 1]], axis=1)
+    return pairs[apart >= NEAREST]
+
+
+def _measure_slopes(cells: Int64[ndarray, "e 2"], middles: Float64[ndarray, "e 3"]) -> Float64[ndarray, "e 2"]:
+    """Fit a plane to all cells around each one: metres that the ground rises for each metre along x and y."""
+    shape = tuple((cells.max(axis=0) + 1).tolist())
+    x, y, z = (middles - middles.mean(axis=0)).T
+
+    def average(values: ndarray) -> ndarray:
+        grid = np.zeros(shape)
+        np.add.at(grid, (cells[:, 0], cells[:, 1]), values)
+        return uniform_filter(grid, SLOPE_CELLS, mode="constant")[cells[:, 0], cells[:, 1]]
+
+    count = average(np.ones_like(x))
+    mean_x, mean_y, mean_z = (average(values) / count for values in (x, y, z))
+    xx, xy, yy = (
+        average(x * x) / count - mean_x**2,
+        average(x * y) / count - mean_x * mean_y,
+        average(y * y) / count - mean_y**2,
+    )
+    xz, yz = average(x * z) / count - mean_x * mean_z, average(y * z) / count - mean_y * mean_z
+    xx, yy = xx + CELL**2 / 12, yy + CELL**2 / 12
+    determinant = xx * yy - xy**2
+    return np.stack([(yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant], axis=1)
+
+
+def _join(meetings: dict[tuple[int, int], _Meetings], sizes: Int64[ndarray, " g"]) -> Int64[ndarray, " g"]:
+    """Join the level pair that meets most often, time and again; what was joined meets others as one.
+
+    So a driveway, level with the road and with the pavement, does not join these two: a kerb is most of their border.
+    """
+    names = np.arange(len(sizes))
+    while level := [pair for pair, meeting in meetings.items() if meeting.are_level()]:
+        pair = max(level, key=lambda pair: (len(meetings[pair].steps), -pair[0], -pair[1]))
+        kept, gone = sorted(pair, key=lambda group: (-sizes[names == group].sum(), group))
+        names[names == gone] = kept
+        meetings = _unite(meetings, kept, gone)
+    return names
+
+
+def _unite(meetings: dict[tuple[int, int], _Meetings], kept: int, gone: int) -> dict[tuple[int, int], _Meetings]:
+    """Let a group meet what another one met, too."""
+    united: dict[tuple[int, int], _Meetings] = {}
+    for (low, high), meeting in meetings.items():
+        one, other = (kept if group == gone else group for group in (low, high))
+        if one == other:
+            continue
+        if one > other:
+            one, other, meeting = other, one, _Meetings(-meeting.steps, -meeting.colors)
+        known = united.get((one, other))
+        united[one, other] = (
+            meeting
+            if known is None
+            else _Meetings(np.concatenate([known.steps, meeting.steps]), np.concatenate([known.colors, meeting.colors]))
+        )
+    return united
