@@ -10,10 +10,12 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64, UInt16
+from jaxtyping import Float32, Float64, Int64, UInt16
 from numpy import ndarray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import KDTree
+
+from instdrive_core.training.instances.ground_height import find_ground_groups
 
 REACH = 0.6
 """Metres within which Gaussians tell what a LiDAR point lies on."""
@@ -21,11 +23,6 @@ NEIGHBORS = 8
 """Gaussians that are asked at most."""
 BLUR = 0.1
 """Metres: nearer Gaussians count hardly more than one at this distance."""
-NEAR, ABOVE, ABOVE_PER_METRE = 1.0, 0.15, 0.05
-"""Metres: a Gaussian lies on the ground if a point of it is no farther along the ground than the first, and no more
-higher or lower than the second, plus the third for each metre between them."""
-GROUND_SHARE = 0.5
-"""Share of a group's weight from which on it is ground."""
 CELL = 0.5
 """Metres along a side of the cells whose heights and colours are compared."""
 NEAREST, FARTHEST = 2.9, 4.1
@@ -63,6 +60,7 @@ def join_level_ground(
     means: Float32[ndarray, "n 3"],
     colors: Float32[ndarray, "n 3"],
     ground: Float32[ndarray, "p 3"],
+    heights: Float32[ndarray, " n"],
 ) -> Int64[ndarray, " n"]:
     """Give all pieces of ground that meet without a step, in the same colour, one group: the one that most points show.
 
@@ -73,32 +71,20 @@ def join_level_ground(
         means: metres, in the world.
         colors: RGB, 0 to 1.
         ground: LiDAR points of the ground, in the world; z is up.
+        heights: metres above it (`measure_heights`).
     """
+    is_ground = find_ground_groups(groups, weights, nodes, heights)
     told = np.flatnonzero((weights > 0) & (groups >= 0) & (nodes == 0))
-    if not len(told) or not len(ground):
+    if not len(told) or not len(ground) or np.count_nonzero(is_ground) < 2:
         return groups
-    count = int(groups.max()) + 1
-    lying = told[_find_lying(means[told], ground)]
-    named = groups >= 0
-    totals = np.bincount(groups[named], weights[named], count)
-    shares = np.bincount(groups[lying], weights[lying], count) / np.maximum(totals, 1e-12)
     labels, shown = _label_points(ground, means[told], groups[told], weights[told], colors[told])
     chosen = np.flatnonzero(labels >= 0)
-    chosen = chosen[shares[labels[chosen]] > GROUND_SHARE]
-    if len(chosen) < 2:
+    chosen = chosen[is_ground[labels[chosen]]]
+    if not len(chosen):
         return groups
-    sizes = np.bincount(labels[chosen], minlength=count)
+    sizes = np.bincount(labels[chosen], minlength=len(is_ground))
     names = _join(_measure_meetings(ground[chosen], labels[chosen], shown[chosen]), sizes)
     return np.where(groups >= 0, names[groups], -1)
-
-
-def _find_lying(means: Float32[ndarray, "m 3"], ground: Float32[ndarray, "p 3"]) -> Bool[ndarray, " m"]:
-    """Find the Gaussians that lie on the ground."""
-    distances, found = KDTree(ground[:, :2]).query(
-        means[:, :2], distance_upper_bound=NEAR, workers=numba.get_num_threads()
-    )
-    heights = means[:, 2] - ground[np.minimum(found, len(ground) - 1), 2]
-    return np.isfinite(distances) & (np.abs(heights) <= ABOVE + ABOVE_PER_METRE * distances)
 
 
 def _label_points(

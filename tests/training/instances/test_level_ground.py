@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from instdrive_core.training.instances.ground_height import measure_heights
 from instdrive_core.training.instances.level_ground import join_level_ground
 
 ROAD, FAR_ROAD, PAVEMENT, CAR, DRIVEWAY = range(5)
@@ -37,7 +38,8 @@ class Street:
         self.nodes = np.zeros(len(groups), np.uint16)
         self.nodes[groups == CAR] = 1
         swept = means[self.nodes == 0] if ground is None else ground
-        joined = join_level_ground(groups, np.ones(len(groups), np.float32), self.nodes, means, colors, swept)
+        heights = measure_heights(means, swept)
+        joined = join_level_ground(groups, np.ones(len(groups), np.float32), self.nodes, means, colors, swept, heights)
         return {group: int(np.bincount(joined[groups == group]).argmax()) for group in np.unique(groups).tolist()}
 
 
@@ -82,5 +84,6 @@ def test_gaussians_of_no_group_stay_in_none():
     points = surface((0, 10), (0, 6), 0.0)
     groups = np.where(points[:, 0] < 5, 0, -1)
     colors, weights = np.full((len(points), 3), 0.3, np.float32), np.ones(len(points), np.float32)
-    joined = join_level_ground(groups, weights, np.zeros(len(points), np.uint16), points, colors, points)
+    nodes, heights = np.zeros(len(points), np.uint16), measure_heights(points, points)
+    joined = join_level_ground(groups, weights, nodes, points, colors, points, heights)
     np.testing.assert_array_equal(joined, groups)
