@@ -12,10 +12,10 @@ from instdrive_core.training.instances.ground_height import ON_GROUND, find_grou
 
 FLAT = 0.05
 """Metres above the ground that a Gaussian reaches at most, by its standard deviation, to lie flat on it."""
-REACH = 5.0
-"""Metres of what is flat from the ground that takes it: as far as shadows fall from a wall of cars."""
+HOP = 1.5
+"""Metres from ground to what it takes, which is ground from then on: so it spreads over shadows of any size."""
 UPWARDS = 30.0
-"""What is a metre higher is as far away as this many metres along the ground: a kerb parts two grounds."""
+"""A metre upwards counts as so many along the ground: a kerb stops the ground, a slope does not."""
 
 
 def claim_flat(
@@ -26,7 +26,7 @@ def claim_flat(
     thicknesses: Float32[ndarray, " n"],
     heights: Float32[ndarray, " n"],
 ) -> Int64[ndarray, " n"]:
-    """Give what lies flat on the ground, but belongs to no ground, to the nearest group that is ground.
+    """Give what lies flat on the ground, but belongs to no ground, to the group of the ground around it.
 
     Args:
         groups: of each Gaussian; -1 = none, these stay in none.
@@ -41,14 +41,13 @@ def claim_flat(
         return groups
     counts = (groups >= 0) & (weights > 0) & (nodes == 0)
     on_ground = counts & is_ground[groups]
-    givers = np.flatnonzero(on_ground & (heights <= ON_GROUND))
-    takers = np.flatnonzero(counts & ~on_ground & (heights + thicknesses <= FLAT))
-    if not len(givers) or not len(takers):
-        return groups
-    scale = np.array([1, 1, UPWARDS], np.float32)
-    tree, threads = KDTree(means[givers] * scale), numba.get_num_threads()
-    distances, nearest = tree.query(means[takers] * scale, distance_upper_bound=REACH, workers=threads)
-    found = np.isfinite(distances)
-    claimed = groups.copy()
-    claimed[takers[found]] = groups[givers[np.asarray(nearest)[found]]]
+    fresh = np.flatnonzero(on_ground & (heights <= ON_GROUND))
+    free = np.flatnonzero(counts & ~on_ground & (heights + thicknesses <= FLAT))
+    places, claimed = means * np.array([1, 1, UPWARDS], np.float32), groups.copy()
+    while len(fresh) and len(free):
+        tree, threads = KDTree(places[fresh]), numba.get_num_threads()
+        distances, nearest = tree.query(places[free], distance_upper_bound=HOP, workers=threads)
+        found = np.isfinite(distances)
+        claimed[free[found]] = claimed[fresh[np.asarray(nearest)[found]]]
+        fresh, free = free[found], free[~found]
     return claimed
