@@ -202,6 +202,19 @@ def test_the_shadow_of_what_is_deleted_goes_with_it_and_that_of_a_house_stays(st
     assert report_deletion(Document(scene), (CAR,), 0.0).hole.shadow_area == 0
 
 
+@pytest.mark.parametrize(("edge", "taken"), [(0.75, True), (1.0, False)])
+def test_the_soft_edge_of_a_shadow_in_the_sun_belongs_to_the_hole(street, edge, taken):
+    scene, ground = deepcopy(street.scene), np.isin(street.scene.instance_ids, (ROAD,))
+    x, y = scene.gaussians.means[:, 0], scene.gaussians.means[:, 1]
+    for left, right, share in ((0.3, 0.7, edge), (0.7, 1.2, 0.45)):
+        rows = np.flatnonzero(ground & (x > left) & (x < right) & (np.abs(y) < 2.2))
+        scene.gaussians.sh_dc[rows] = dc_from_color(share * color_from_dc(scene.gaussians.sh_dc[rows]))
+    hole = report_deletion(Document(scene), (CAR,), 0.0).hole
+    places = hole.grid.compute_centers(np.concatenate([hole.cells, hole.shadow]))
+    inside = np.count_nonzero((np.abs(places - [0.5, 0.0]) < [0.1, 1.6]).all(axis=1))
+    assert (inside * hole.grid.size > 0.8 * 3.2) == taken
+
+
 def test_an_actor_with_strays_in_the_background_is_an_actor():
     """Its body is made of its own node's splats, and where it drove was seen before and after."""
     scene = deepcopy(parked_street().empty)

@@ -14,6 +14,8 @@ SHADOW_REACH = 2.0
 """Metres around what was deleted within which its shadow is looked for."""
 SHADOW_SHARE = 0.65
 """Ground darker than this share of lit ground is in shadow."""
+HALF_LIT_SHARE = 0.85
+"""Ground darker than this share of lit ground, beside a shadow, lies in its soft edge."""
 LIT_QUANTILE = 0.7
 """Quantile of the brightness of ground along the lane that is taken for lit."""
 DARKEST_LIT = 0.8
@@ -56,9 +58,12 @@ def find_cast_shadow(
     return (grow_cells(shadow, size, size) & seen & near) if shadow.any() else shadow
 
 
-def find_shaded_cells(ground: GroundMap, clean: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
-    """Cells much darker than ground in the sun. Each line along the lane has its own: marks and pavements are brighter;
-    yet a line is not taken to be dark because most of it is in shadow. `clean` ground is what is compared with."""
+def find_shaded_cells(
+    ground: GroundMap, clean: Bool[ndarray, "a b"], share: float = SHADOW_SHARE
+) -> Bool[ndarray, "a b"]:
+    """Cells darker than a `share` of ground in the sun. Each line along the lane has its own: marks and pavements are
+    brighter; yet a line is not taken to be dark because most of it is in shadow. `clean` ground is what is compared
+    with."""
     brightness = ground.color.mean(axis=2)
     if not clean.any():
         return np.zeros_like(clean)
@@ -67,7 +72,7 @@ def find_shaded_cells(ground: GroundMap, clean: Bool[ndarray, "a b"]) -> Bool[nd
     enough = clean.sum(axis=0) >= MIN_LIT // 2
     lines = np.where(clean, brightness, np.nan)[:, enough]
     lit[enough] = np.maximum(np.nanquantile(lines, LIT_QUANTILE, axis=0), DARKEST_LIT * everywhere)
-    return brightness < SHADOW_SHARE * lit
+    return brightness < share * lit
 
 
 def lies_in_shade(

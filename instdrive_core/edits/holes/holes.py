@@ -12,7 +12,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.holes.cast_shadow import find_cast_shadow, find_shaded_cells
+from instdrive_core.edits.holes.cast_shadow import HALF_LIT_SHARE, find_cast_shadow, find_shaded_cells, lies_in_shade
 from instdrive_core.edits.holes.free_space import Occluder, build_occluder, count_sightings
 from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
@@ -46,6 +46,9 @@ EDGE = 0.4
 """Metres around what stands on the ground that its paint and its darkness bleed into the ground."""
 DARK_RIM = 0.4
 """Metres around a hole within which dark ground, the contact shadow's rim, belongs to it."""
+HALF_LIT = 0.4
+"""Metres around that rim, in the sun, within which its soft edge belongs to the hole, too: what is half dark beside a
+hole makes the whole fill darker."""
 MIN_AREA = 0.15
 """Square metres: smaller holes are gaps between splats."""
 BARE_COVER = 0.5
@@ -115,9 +118,14 @@ def find_hole(
     closed = _close_gaps(wrong, candidates, ground.obstructed | kept, grid.size)
     bare = _find_bare_cells(grid, ground, around, looks, found.place) & (footprint | ~ground.obstructed) & ~kept
     hole = keep_large_parts(closed | missing | bare, grid.size, MIN_AREA)
-    rim = grow_cells(hole, grid.size, DARK_RIM) & find_shaded_cells(ground, clean) & ~ground.obstructed & ~kept
-    hole = hole | (rim & find_solid_cells(ground))
+    shaded, free = find_shaded_cells(ground, clean), find_solid_cells(ground) & ~ground.obstructed & ~kept
+    rim = grow_cells(hole, grid.size, DARK_RIM) & shaded & free
+    hole = hole | rim
     shadow = find_cast_shadow(ground, clean, footprint, hole)
+    if not lies_in_shade(shaded, clean, hole, grid.size):
+        dimmed = free & find_shaded_cells(ground, clean, HALF_LIT_SHARE)
+        edge = grow_cells(rim, grid.size, HALF_LIT) & grow_cells(free & ~dimmed, grid.size, HALF_LIT)
+        hole = hole | (dimmed & edge & ~shadow)
     return Hole(grid, np.argwhere(hole), np.argwhere(shadow), behind)
 
 
@@ -191,9 +199,13 @@ def build_ground_grid(found: Surroundings) -> GroundGrid | None:
 
 
 def find_known_ground(
-    document: Document, grid: GroundGrid, near: Neighborhood
+    document: Document, grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]
 ) -> tuple[GroundMap, Bool[ndarray, "a b"]]:
-    """The ground as it is now, and where it is known: solid, free, and shown by enough photos where any are."""
+    """The ground as it is now, and where it is known: solid, free, and shown by enough photos where any are.
+
+    Around a `hole` in the sun, ground in the shadow of what else stands there is left out: where cars are parked in a
+    row, their shadows are all that is known on a line, and none of them falls into the hole.
+    """
     ground = build_ground_map(grid, near)
     table = document.scene.table
     # Hulls of houses and trees reach over the ground before them and below.
@@ -201,10 +213,14 @@ def find_known_ground(
     occluders = [each for each in (_make_occluder(one, grid) for one in others) if each is not None]
     points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
     seen, _ = count_sightings(points, document.scene.views, occluders, 0)
-    free = ~ground.obstructed & ~grow_cells(find_covered_cells(others, grid), grid.size, EDGE)
+    under = find_covered_cells(others, grid)
+    free = ~ground.obstructed & ~grow_cells(under, grid.size, EDGE)
     known = find_solid_cells(ground) & free
     if (seen >= MIN_SIGHTINGS).any():
         known &= (seen >= MIN_SIGHTINGS).reshape(grid.shape)
+    if not lies_in_shade(find_shaded_cells(ground, known), known, hole, grid.size):
+        free &= hole | ~find_cast_shadow(ground, known, under, under)
+        known &= free
     return ground, known | (_find_hearsay(ground, known) & free)
 
 

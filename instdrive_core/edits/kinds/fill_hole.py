@@ -231,7 +231,7 @@ class FillHole(AppendEdit):
         hole[tuple(inside.T)] = True
         place = grid.lift_to_ground(grid.compute_centers((middle - start)[None]))[0]
         near = find_neighborhood(document, place).exclude(lost)
-        ground, known = find_known_ground(document, grid, near)
+        ground, known = find_known_ground(document, grid, near, hole)
         shaded = find_shaded_cells(ground, known)
         if self.lit and not lies_in_shade(shaded, known, hole, grid.size):
             known &= ~shaded
