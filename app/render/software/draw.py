@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -89,6 +90,9 @@ class SoftwareDraw:
         self._key: object = None
         self._budget = 2 * FEWEST_SPLATS
         self._merged: MergedSplats | None = None
+        self._calm = threading.Event()
+        self._calm.set()
+        """Set while no sharp frame is drawn: those have the cores to themselves."""
         self._sparse: SparseSplats | None = None
         self._depth_range: tuple[object, tuple[float, float]] = (None, (1.0, 100.0))
 
@@ -110,10 +114,15 @@ class SoftwareDraw:
         seconds = None
         if key != self._key:
             self._key = None  # the kept frame is overwritten, perhaps only in part
-            if merged is None and _is_sparse(placed, snapshot):
-                self._blend_sparse(placed, camera, snapshot)
-            elif merged is None or not self._blend_merged(merged, placed, camera, snapshot):
-                self._blend(placed, camera, snapshot, lambda: _check(request, newer))
+            if not snapshot.draft:
+                self._calm.clear()
+            try:
+                if merged is None and _is_sparse(placed, snapshot):
+                    self._blend_sparse(placed, camera, snapshot)
+                elif merged is None or not self._blend_merged(merged, placed, camera, snapshot):
+                    self._blend(placed, camera, snapshot, lambda: _check(request, newer))
+            finally:
+                self._calm.set()
             self._key, seconds = key, time.perf_counter() - started
             if seconds > DRAFT_SECONDS:
                 self._start_merging(placed)
@@ -168,7 +177,7 @@ class SoftwareDraw:
     def _start_merging(self, placed: PlacedSplats) -> None:
         """Build levels of detail beside the window, once it is known that frames of this scene are slow."""
         if self._merged is None and len(placed.means) > self._fewest:
-            self._merged = MergedSplats(placed)
+            self._merged = MergedSplats(placed, self._calm.wait)
 
     def _blend_merged(
         self, merged: MergedSplats, placed: PlacedSplats, camera: Camera, snapshot: FrameSnapshot

@@ -1,5 +1,6 @@
 """Drafts with levels of detail against drafts of all splats."""
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -126,6 +127,34 @@ def test_drafts_are_whole_where_there_is_time_and_half_where_there_is_none(stree
     for _ in range(20):
         made.adapt(3.0)
     assert made.factor == 2
+
+
+def test_levels_of_detail_are_not_built_while_a_sharp_frame_is_drawn(pair, monkeypatch):
+    begun, waits = [], []
+
+    class Noted(MergedSplats):
+        def __init__(self, placed, wait_for_turn):
+            begun.append(wait_for_turn)
+            super().__init__(placed)
+
+    def begin_turn():
+        turn = threading.Thread(target=begun[0])
+        turn.start()
+        turn.join(0.05)
+        waits.append((turn, turn.is_alive()))
+
+    monkeypatch.setattr(draw, "MergedSplats", Noted)
+    monkeypatch.setattr(draw, "DRAFT_SECONDS", 0.0)
+    view = pair.document.scene.views[0]
+    state = EditorState(viewpoint=camera.view_from_camera(view), time=view.time)
+    states = [replace(state, show_sky=sky) for sky in (True, False)]
+    requests = [FrameRequest(pair.watcher.take_state(), resolve(state, *SIZE)) for state in states]
+    pair.detailed(requests[0])
+    begin_turn()
+    pair.detailed(requests[1], begin_turn)
+    (_, after), (during, held) = waits
+    during.join(5)
+    assert (after, held, during.is_alive()) == (False, True, False)
 
 
 def test_without_memory_drafts_go_on_without_levels_of_detail(pair):
