@@ -130,7 +130,7 @@ def _stage(scratch, first, records, splats, start, stop, corner, limits, rule):
         store(staged, target, load(records, at))
         staged[target + _STAGED_U], staged[target + _STAGED_V] = corner_u, corner_v
         staged[target + _STAGED_SOLID] = solid if records[at + AT_OPACITY] >= rule[0] else _NEVER
-        # In u and v, a block is a parallelogram. How near the rectangle around it comes to the mean bounds its exponents.
+        # In u and v a block is a parallelogram. How near the rectangle around it comes to the mean bounds exponents.
         u, v = columns * a + lines * b + corner_u, lines * c + corner_v
         u = greatest(magnitude(u) - _FROM_CENTER * (a + abs(b)), zero)
         v = greatest(magnitude(v) - _FROM_CENTER * c, zero)
