@@ -152,6 +152,7 @@ class SoftwareDraw:
         settings = RasterSettings(antialiased=state.antialiased)
         opacities = placed.opacities
         if snapshot.draft:
+            settings = settings.fit_smaller(DRAFT_FACTOR)
             arrays = placed.means, placed.areas, opacities
             opacities = select_most_important(*arrays, camera, self._budget, settings, workspace)
         log_scales = placed.log_scales
@@ -190,9 +191,12 @@ class SoftwareDraw:
             return False
         found, middle = ProjectedSplats(len(cut.means), workspace), cut.splat_count
         sources = merged.build_sources(cut, _build_color_source(placed))
-        for part, source in zip((slice(0, middle), slice(middle, len(cut.means))), sources, strict=True):
+        # Not so for nodes, which are wide and hide too little as it is.
+        fine = settings.fit_smaller(merged.factor) if snapshot.draft else settings
+        parts = (slice(0, middle), fine), (slice(middle, len(cut.means)), settings)
+        for (part, chosen), source in zip(parts, sources, strict=True):
             shapes = cut.means[part], cut.quats[part], cut.log_scales[part], cut.opacities[part]
-            project_part(*shapes, camera, settings, source, found.take_part(part.start, part.stop))
+            project_part(*shapes, camera, chosen, source, found.take_part(part.start, part.stop))
         self._finish(found, placed, camera, snapshot, settings)
         self._winner = np.append(cut.rows, np.int32(-1))[self._winner]
         return True

@@ -20,6 +20,7 @@ from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.rasterize.kernels.settings import RasterSettings
 
 SIZE = (300, 180)
 BLUE_CAR = FIRST_CAR + 1
@@ -64,6 +65,23 @@ def test_drafts_with_levels_of_detail_look_alike_and_draw_fewer(pair, monkeypatc
         pair.assert_alike(index)
     merged = drawn[-1]
     assert merged.splat_count < len(merged.rows) < len(pair.document.scene)
+
+
+@pytest.mark.parametrize("merging", [False, True])
+def test_pixels_of_drafts_are_means_of_the_sharp_pictures(pair, monkeypatch, merging):
+    def compute_error():
+        pair.plain, pair.detailed = SoftwareDraw(fewest=10**9), SoftwareDraw(fewest=0)
+        draft = pair.draw()[merging].picture[..., :3]
+        view = pair.document.scene.views[0]
+        state = EditorState(viewpoint=camera.view_from_camera(view), time=view.time)
+        sharp = pair.plain(FrameRequest(pair.watcher.take_state(), resolve(state, *SIZE))).picture[..., :3]
+        means = sharp.reshape(draft.shape[0], 2, draft.shape[1], 2, 3).mean(axis=(1, 3))
+        return ((means - draft) ** 2).mean()
+
+    monkeypatch.setattr(merged_splats, "_START", 1.0)
+    error = compute_error()
+    monkeypatch.setattr(RasterSettings, "fit_smaller", lambda settings, factor: settings)
+    assert error < 0.5 * compute_error()
 
 
 @pytest.mark.parametrize(
