@@ -81,6 +81,7 @@ def _large_figures(folder: Path, options: Options) -> dict[str, float]:
         editor.look_from(cameras[0])
         editor.settle()
         still, elsewhere = editor.fps_still(options.frames), editor.fps_still(options.frames, _STEP)
+        editor.fps_moving(options.moving_seconds)  # levels of detail are built meanwhile
         moving = editor.fps_moving(options.moving_seconds)
         click, edits = editor.click_seconds(options.actions), editor.edit_seconds(options.actions)
         brush, ranged = editor.brush_seconds(options.actions), editor.range_seconds(options.actions)

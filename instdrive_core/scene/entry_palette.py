@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int, Int64, UInt16
@@ -12,6 +13,8 @@ from instdrive_core.scene.named_entries import find_named_entries
 from instdrive_core.scene.splat_array import PerSplatArray, create_read_only_view
 
 MAX_ENTRIES = 1 << 16
+
+_Palette = TypeVar("_Palette", bound="EntryPalette")
 
 
 class PaletteFullError(ValueError):
@@ -32,6 +35,12 @@ class EntryPalette(PerSplatArray):
         self._values = identity[None].copy()
         self._keys = [self._values[0].tobytes()]
         self._entry_of = {self._keys[0]: 0}
+
+    def fork(self: _Palette) -> _Palette:
+        """Make another palette that begins with the same entries and splats; to its readers all rows are new."""
+        other = super().fork()
+        other._values, other._keys, other._entry_of = self._values.copy(), self._keys.copy(), self._entry_of.copy()
+        return other
 
     @property
     def indices(self) -> UInt16[ndarray, " n"]:

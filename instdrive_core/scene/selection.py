@@ -48,14 +48,9 @@ class SplatState(PerSplatArray):
         """Rows that are neither hidden nor deleted."""
         return (self._rows & np.uint8(Flag.HIDDEN | Flag.DELETED)) == 0
 
-    def copy_from(self, other: SplatState) -> None:
-        """Take over the state of all splats from the same scene in another document."""
-        self._rows[:] = other._rows
-        self._touch(0, len(self._rows))
-
     def change(self, rows: Int[ndarray, " m"], flag: Flag, on: bool) -> Int[ndarray, " k"]:
         """Set or clear a bit; returns the rows that really changed (the delta an edit stores)."""
-        changed, low, high = change_bits(self._rows, np.asarray(rows, np.int64), np.uint8(flag), on)
+        changed, low, high = change_bits(self._own_rows(rows), np.asarray(rows, np.int64), np.uint8(flag), on)
         if len(changed):
             self._touch(int(low), int(high))
         return changed

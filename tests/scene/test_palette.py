@@ -83,3 +83,13 @@ def test_baked_parameters_show_the_mapped_color_from_everywhere(seed, degree):
     assert logits[0] == gaussians.opacity_logits[0], "an opacity factor of 1 keeps the bits"
     expected = gaussians.opacities[rows] * palette.alphas[palette.indices[rows]]
     np.testing.assert_allclose(1 / (1 + np.exp(-logits)), expected, rtol=1e-3)
+
+
+def test_forks_go_their_own_ways():
+    palette = ColorPalette(4)
+    palette.assign(np.array([1]), np.array([palette.add(RED)], np.uint16))
+    fork = palette.fork()
+    fork.assign(np.array([2]), np.array([fork.add(RED, 0.5)], np.uint16))
+    palette.assign(np.array([3]), np.array([palette.add(RED, 0.25)], np.uint16))
+    assert (palette.indices.tolist(), fork.indices.tolist()) == ([0, 1, 0, 2], [0, 1, 2, 0])
+    assert (palette.alphas.tolist(), fork.alphas.tolist()) == ([1, 1, 0.25], [1, 1, 0.5])

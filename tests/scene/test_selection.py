@@ -53,3 +53,20 @@ def test_growing_appends_clean_rows(state):
 def test_flags_cannot_be_written_from_outside(state):
     with pytest.raises(ValueError, match="read-only"):
         state.flags[0] = 1
+
+
+def test_what_is_shared_never_changes_and_costs_nothing_until_it_would(state):
+    state.change(np.array([1]), Flag.HIDDEN, True)
+    shared, fork = state.share_rows(), state.fork()
+    assert np.shares_memory(shared, state.flags)
+    assert np.shares_memory(fork.flags, state.flags)
+    reader = fork.create_dirty_reader()
+    state.change(np.array([4]), Flag.DELETED, True)
+    fork.change(np.array([5]), Flag.LOCKED, True)
+    assert shared.tolist() == [0, 2, 0, 0, 0, 0, 0, 0, 0, 0]
+    assert state.flags.tolist() == [0, 2, 0, 0, 8, 0, 0, 0, 0, 0]
+    assert fork.flags.tolist() == [0, 2, 0, 0, 0, 4, 0, 0, 0, 0]
+    assert reader.take() == (0, 10)
+    flags = state.flags
+    state.change(np.array([4]), Flag.DELETED, False)
+    assert flags[4] == 0, "written in place where nobody else reads"

@@ -117,14 +117,15 @@ class Projector:
         self._covers = self._sees_all_in_view(pose_version, camera)
         return True
 
-    def project(self, scene: GpuScene, camera: Camera, least_dot: float | None = None) -> None:
+    def project(self, scene: GpuScene, camera: Camera, least_dot: float | None = None, factor: int = 1) -> None:
         """Bring `records` up to date; call it after `sort`.
 
-        With `least_dot`, splats at least that opaque become dots, and others are left out.
+        With `least_dot`, splats at least that opaque become dots, and others are left out. The camera's picture may be
+        `factor` times smaller than the one that it stands for.
         """
         if not self.count:
             return
-        settings = self._settings if least_dot is None else DOT_SETTINGS
+        settings = self._settings.fit_smaller(factor) if least_dot is None else DOT_SETTINGS
         view, program = camera_to_row(camera), self._program
         scene.bind(program)
         set_uniforms(

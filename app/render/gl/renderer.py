@@ -200,11 +200,12 @@ class GlRenderer:
         """Make a key that identifies what the projected splats look like through a camera."""
         return make_camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
 
-    def _project(self, camera: Camera, snapshot: FrameSnapshot) -> None:
+    def _project(self, camera: Camera, snapshot: FrameSnapshot, factor: int = 1) -> None:
+        """Bring the records up to date; `factor`: how many times smaller the camera's picture is than the view."""
         least_dot = _find_least_dot(snapshot)
-        key = (self._make_look_key(camera), least_dot)
+        key = (self._make_look_key(camera), least_dot, factor)
         if self._keys.get("records") != key:
-            self._projector.project(self.scene, camera, least_dot)
+            self._projector.project(self.scene, camera, least_dot, factor)
             self._keys["records"] = key
 
     def _draw_blended(self, targets: Targets, snapshot: FrameSnapshot) -> None:
@@ -214,7 +215,7 @@ class GlRenderer:
         if self._keys.get("blended") == key:
             return
         camera = snapshot.camera.resize(*targets.blended_size)
-        self._project(camera, snapshot)
+        self._project(camera, snapshot, DRAFT_FACTOR if snapshot.draft else 1)
         if show_depth:
             self._sky.draw(targets.blended_buffer, camera, None, (0.0, 0.0, 0.0))
         else:

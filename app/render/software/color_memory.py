@@ -30,6 +30,7 @@ class ColorMemory:
         if not state.gaussians.sh_rest.shape[1]:
             self._place, self._colors = (), RememberedColors(0)  # what another scene's took is free again
             return self._colors
+        position = position + 0.0  # -0 is no other place than 0
         place = (placed, state.nodes, state.move_entries, state.color_entries, state.color_values, position.tobytes())
         same = len(place) == len(self._place) and all(a is b for a, b in zip(place[:-1], self._place, strict=False))
         if not same or place[-1] != self._place[-1] or not np.array_equal(self._table, placed.frame_table):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -89,6 +90,9 @@ class SoftwareDraw:
         self._key: object = None
         self._budget = 2 * FEWEST_SPLATS
         self._merged: MergedSplats | None = None
+        self._calm = threading.Event()
+        self._calm.set()
+        """Set while no sharp frame is drawn: those have the cores to themselves."""
         self._sparse: SparseSplats | None = None
         self._depth_range: tuple[object, tuple[float, float]] = (None, (1.0, 100.0))
 
@@ -110,10 +114,15 @@ class SoftwareDraw:
         seconds = None
         if key != self._key:
             self._key = None  # the kept frame is overwritten, perhaps only in part
-            if merged is None and _is_sparse(placed, snapshot):
-                self._blend_sparse(placed, camera, snapshot)
-            elif merged is None or not self._blend_merged(merged, placed, camera, snapshot):
-                self._blend(placed, camera, snapshot, lambda: _check(request, newer))
+            if not snapshot.draft:
+                self._calm.clear()
+            try:
+                if merged is None and _is_sparse(placed, snapshot):
+                    self._blend_sparse(placed, camera, snapshot)
+                elif merged is None or not self._blend_merged(merged, placed, camera, snapshot):
+                    self._blend(placed, camera, snapshot, lambda: _check(request, newer))
+            finally:
+                self._calm.set()
             self._key, seconds = key, time.perf_counter() - started
             if seconds > DRAFT_SECONDS:
                 self._start_merging(placed)
@@ -143,6 +152,7 @@ class SoftwareDraw:
         settings = RasterSettings(antialiased=state.antialiased)
         opacities = placed.opacities
         if snapshot.draft:
+            settings = settings.fit_smaller(DRAFT_FACTOR)
             arrays = placed.means, placed.areas, opacities
             opacities = select_most_important(*arrays, camera, self._budget, settings, workspace)
         log_scales = placed.log_scales
@@ -168,7 +178,7 @@ class SoftwareDraw:
     def _start_merging(self, placed: PlacedSplats) -> None:
         """Build levels of detail beside the window, once it is known that frames of this scene are slow."""
         if self._merged is None and len(placed.means) > self._fewest:
-            self._merged = MergedSplats(placed)
+            self._merged = MergedSplats(placed, self._calm.wait)
 
     def _blend_merged(
         self, merged: MergedSplats, placed: PlacedSplats, camera: Camera, snapshot: FrameSnapshot
@@ -181,9 +191,12 @@ class SoftwareDraw:
             return False
         found, middle = ProjectedSplats(len(cut.means), workspace), cut.splat_count
         sources = merged.build_sources(cut, _build_color_source(placed))
-        for part, source in zip((slice(0, middle), slice(middle, len(cut.means))), sources, strict=True):
+        # Not so for nodes, which are wide and hide too little as it is.
+        fine = settings.fit_smaller(merged.factor) if snapshot.draft else settings
+        parts = (slice(0, middle), fine), (slice(middle, len(cut.means)), settings)
+        for (part, chosen), source in zip(parts, sources, strict=True):
             shapes = cut.means[part], cut.quats[part], cut.log_scales[part], cut.opacities[part]
-            project_part(*shapes, camera, settings, source, found.take_part(part.start, part.stop))
+            project_part(*shapes, camera, chosen, source, found.take_part(part.start, part.stop))
         self._finish(found, placed, camera, snapshot, settings)
         self._winner = np.append(cut.rows, np.int32(-1))[self._winner]
         return True

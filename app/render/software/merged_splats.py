@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,13 +52,16 @@ class MergedSplats:
     The tree is built by a thread of its own; `ready` is False until then, and stays so where memory is short.
     """
 
-    def __init__(self, placed: PlacedSplats) -> None:
+    def __init__(self, placed: PlacedSplats, wait_for_turn: Callable[[], object] = lambda: None) -> None:
+        """Begin to build the tree, whose thread calls `wait_for_turn` every few milliseconds."""
         self._placed = placed
         self._nodes: NodeState | None = None
         self._fitted: _Fitted | None = None
         self._tolerance, self.factor = _START, DRAFT_FACTOR
         """Pixels, and how many times smaller than the view a draft is."""
-        self._thread = threading.Thread(target=self._build, args=(placed.state,), name="detail", daemon=True)
+        self._thread = threading.Thread(
+            target=self._build, args=(placed.state, wait_for_turn), name="detail", daemon=True
+        )
         self._thread.start()
 
     @property
@@ -111,10 +115,10 @@ class MergedSplats:
             self.factor, wanted = DRAFT_FACTOR, _COARSEST_WHOLE / DRAFT_FACTOR
         self._tolerance = min(max(wanted, _FINEST), _COARSEST)
 
-    def _build(self, state: SceneState) -> None:
+    def _build(self, state: SceneState, wait_for_turn: Callable[[], object]) -> None:
         if measure_available_memory() < 2 * _BYTES * len(state.nodes):
             return
-        self._nodes = NodeState(build_detail_tree(state.gaussians, state.instance_ids, state.nodes))
+        self._nodes = NodeState(build_detail_tree(state.gaussians, state.instance_ids, state.nodes, wait_for_turn))
 
     def _update(self) -> tuple[NodeState, LeafState]:
         nodes, placed, before = self._nodes, self._placed, self._fitted

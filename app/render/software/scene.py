@@ -1,8 +1,9 @@
 """What the render thread knows of a document.
 
-Ownership: only the UI thread writes and reads the document's arrays. There, `SceneWatcher` takes a `SceneState`: it
-copies arrays that edits write to (a few bytes per splat) when their version has risen, and shares those that edits
-never write to (means, harmonics …). A state never changes, so states can wait, be skipped or be drawn twice.
+Ownership: only the UI thread writes the document's arrays. There, `SceneWatcher` takes a `SceneState`: it shares the
+arrays that edits write to as they are (the next edit writes to a copy of its own), copies instance IDs and nodes when
+their version has risen, and shares those that edits never write to (means, harmonics …). A state never changes, so
+states can wait, be skipped or be drawn twice.
 `PlacedSplats` belongs to the render thread; it compares each state with the last one and recomputes what differs.
 
 New splats are appended behind the end of the shared arrays, where earlier states do not look.
@@ -67,7 +68,7 @@ class SceneWatcher:
         if now.table != before.table and not np.array_equal(document.scene.instance_ids, state.instance_ids):
             parts |= {"instance_ids": document.scene.instance_ids.copy()}
         if now.states != before.states:
-            parts |= {"flags": document.state.flags.copy()}
+            parts |= {"flags": document.state.share_rows()}
         if now.colors != before.colors:
             parts |= _copy_colors(document)
         if now.transforms != before.transforms:
@@ -86,7 +87,7 @@ def _copy_document(document: Document) -> SceneState:
         nodes=scene.nodes.copy(),
         codewords=scene.codewords,
         instance_ids=scene.instance_ids.copy(),
-        flags=document.state.flags.copy(),
+        flags=document.state.share_rows(),
         actors=scene.actors,
         sky=scene.sky,
         antialiased=scene.antialiased,
@@ -97,8 +98,8 @@ def _copy_document(document: Document) -> SceneState:
 
 
 def _copy_colors(document: Document) -> dict[str, ndarray]:
-    return {"color_entries": document.colors.indices.copy(), "color_values": document.colors.values.copy()}
+    return {"color_entries": document.colors.share_rows(), "color_values": document.colors.values.copy()}
 
 
 def _copy_moves(document: Document) -> dict[str, ndarray]:
-    return {"move_entries": document.transforms.indices.copy(), "move_matrices": document.transforms.matrices.copy()}
+    return {"move_entries": document.transforms.share_rows(), "move_matrices": document.transforms.matrices.copy()}

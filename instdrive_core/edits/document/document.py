@@ -85,12 +85,18 @@ class Document:
     All that the editor shows changes through `apply`.
     """
 
-    def __init__(self, scene: Scene, first_free_id: int | None = None) -> None:
-        """`first_free_id`: where IDs of instances that are gone are not to be given again, the first never used."""
+    def __init__(self, scene: Scene, first_free_id: int | None = None, like: Document | None = None) -> None:
+        """Begin to edit a scene.
+
+        Args:
+            scene: What is edited.
+            first_free_id: Where IDs of instances that are gone are not to be given again, the first never used.
+            like: A document of the same splats whose edit state and moves, but not colours, are taken over.
+        """
         self.scene = scene
-        self.state = SplatState(len(scene))
-        self.colors = ColorPalette(len(scene))
-        self.transforms = TransformPalette(len(scene))
+        self.state = SplatState(len(scene)) if like is None else like.state.fork()
+        self.colors = ColorPalette(len(scene)) if like is None else like.fork_plain_colors()
+        self.transforms = TransformPalette(len(scene)) if like is None else like.transforms.fork()
         self.history = History()
         self.open_scene: Callable[[Path], Scene] | None = None
         """Opens the files that edits insert; set by whoever knows formats."""
@@ -112,6 +118,7 @@ class Document:
         self._by_codeword: RowIndex | None = None
         self._counts: tuple[int, InstanceCounts] | None = None
         self._kept_ids: tuple[tuple[int, int], UInt32[ndarray, " n"]] | None = None
+        self._plain_colors: ColorPalette | None = None
 
     @property
     def versions(self) -> DocumentVersions:
@@ -132,6 +139,14 @@ class Document:
         if self._kept_ids is None or self._kept_ids[0] != key:
             self._kept_ids = key, self.scene.instance_ids.copy()
         return self._kept_ids[1]
+
+    def fork_plain_colors(self) -> ColorPalette:
+        """Make a palette for these splats that changes no colour; it shares memory with others of its kind."""
+        if len(self.colors) == 1:
+            return self.colors.fork()
+        if self._plain_colors is None or len(self._plain_colors.indices) != len(self.scene):
+            self._plain_colors = ColorPalette(len(self.scene))
+        return self._plain_colors.fork()
 
     def adopt_instance_index(self, other: Document) -> None:
         """Take over the index of instances of a document with the same instance IDs, where it has been built."""

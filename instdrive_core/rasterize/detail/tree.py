@@ -6,6 +6,7 @@ weights are opacity times area, and its opacity lets through what theirs togethe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numba
@@ -25,6 +26,8 @@ BLOCK = 4**LEVELS
 _HARMONICS = 3
 """Coefficients above the constant that nodes keep: degree 1."""
 _MOST_OPAQUE = 0.999
+_PORTION = 2048
+"""Nodes made in one go: some three milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +52,17 @@ class DetailTree:
 
 
 def build_detail_tree(
-    gaussians: Gaussians, instance_ids: UInt32[ndarray, " n"], nodes: UInt16[ndarray, " n"]
+    gaussians: Gaussians,
+    instance_ids: UInt32[ndarray, " n"],
+    nodes: UInt16[ndarray, " n"],
+    wait_for_turn: Callable[[], object] = lambda: None,
 ) -> DetailTree:
     """Merge splats where they are before any move; `nodes` says which rigid body each belongs to.
 
-    Works on one core, so that a window beside it goes on: half a second for a million splats.
+    Works on one core, so that a window beside it goes on: half a second for a million splats. `wait_for_turn` is called
+    every few milliseconds and returns when nothing more urgent wants that core.
     """
+    wait_for_turn()
     order = order_splats(gaussians.means, instance_ids, nodes)
     counts = [0, *(-(-len(order) // 4**level) for level in range(1, LEVELS + 1))]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
@@ -72,27 +80,31 @@ def build_detail_tree(
     leaves = (gaussians.means, gaussians.quats, gaussians.log_scales, sigmoid(gaussians.opacity_logits))
     leaves = (*leaves, gaussians.sh_dc, gaussians.sh_rest)
     merged = (tree.means, tree.quats, tree.log_scales, tree.opacities, tree.sh_dc, tree.sh_rest)
-    _merge(order, starts, tuple(to_kernel_array(array) for array in leaves), merged)
+    leaves = tuple(to_kernel_array(array) for array in leaves)
+    for level in range(1, LEVELS + 1):
+        for first in range(int(starts[level]), int(starts[level + 1]), _PORTION):
+            wait_for_turn()
+            _merge(order, starts, leaves, merged, level, first, min(first + _PORTION, int(starts[level + 1])))
     return tree
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _merge(order, starts, leaves, merged):
+def _merge(order, starts, leaves, merged, level, first_node, end_node):
+    """Make some nodes of a level, whose children are made."""
     rows, matrix, vectors = np.empty(4, np.int64), np.empty((3, 3)), np.empty((3, 3))
     covariance, mean = np.empty(6), np.empty(3)
-    for level in range(1, len(starts) - 1):
-        for node in range(starts[level], starts[level + 1]):
-            place = 4 * (node - starts[level])
-            if level == 1:
-                end = min(place + 4, len(order))
-                for k in range(place, end):
-                    rows[k - place] = order[k]
-                _merge_one(leaves, rows[: end - place], merged, node, (mean, covariance, matrix, vectors))
-            else:
-                first, end = starts[level - 1] + place, min(starts[level - 1] + place + 4, starts[level])
-                for k in range(first, end):
-                    rows[k - first] = k
-                _merge_one(merged, rows[: end - first], merged, node, (mean, covariance, matrix, vectors))
+    for node in range(first_node, end_node):
+        place = 4 * (node - starts[level])
+        if level == 1:
+            end = min(place + 4, len(order))
+            for k in range(place, end):
+                rows[k - place] = order[k]
+            _merge_one(leaves, rows[: end - place], merged, node, (mean, covariance, matrix, vectors))
+        else:
+            first, end = starts[level - 1] + place, min(starts[level - 1] + place + 4, starts[level])
+            for k in range(first, end):
+                rows[k - first] = k
+            _merge_one(merged, rows[: end - first], merged, node, (mean, covariance, matrix, vectors))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

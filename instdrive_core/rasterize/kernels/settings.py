@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from jaxtyping import Float32
@@ -33,6 +33,14 @@ class RasterSettings:
             raise ValueError(
                 f"min_alpha {self.min_alpha} and max_alpha {self.max_alpha} do not fit 1/256 ≤ min < max < 1"
             )
+
+    def fit_smaller(self, factor: int) -> RasterSettings:
+        """Fit a picture `factor` times smaller, each of whose pixels shall be the mean of a square of the whole one's.
+
+        Splats get the low-pass that they have in the whole picture, and the variance of such a square: not that of a
+        pixel of the smaller picture, with which small splats would cover far too much.
+        """
+        return replace(self, low_pass=(self.low_pass + (factor**2 - 1) / 12) / factor**2)
 
     def to_row(self) -> Float32[ndarray, " 6"]:
         """Write the constants in the order above, as the kernels take them."""

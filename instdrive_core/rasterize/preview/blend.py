@@ -29,6 +29,7 @@ from instdrive_core.rasterize.kernels.simd import (
     least,
     load,
     load_block,
+    magnitude,
     pack_lane_bits,
     prefetch,
     store,
@@ -59,9 +60,6 @@ from instdrive_core.rasterize.preview.splats import (
     AT_B,
     AT_BASE,
     AT_C,
-    AT_COV_XX,
-    AT_COV_XY,
-    AT_COV_YY,
     AT_OPACITY,
     AT_ROW,
     AT_VALUES,
@@ -80,6 +78,8 @@ _SHARE = np.uint64(BATCH) // BLOCKS
 """Splats of the next batch that are fetched before each block."""
 _NEVER = np.float32(2)
 """No fragment has this alpha."""
+_FROM_CENTER = np.float32(1.5)
+"""Pixels from a block's centre to the centres of its outermost pixels, along each axis."""
 _SLACK = np.float32(1e-4)
 """Slack of exponents, so that rounding never loses a block with a fragment that is drawn."""
 
@@ -116,8 +116,8 @@ def _fetch(records, splats, start, stop):
 def _stage(scratch, first, records, splats, start, stop, corner, limits, rule):
     """Prepare a batch of splats in the slots from `first` on: what they are in the tile, which blocks they reach."""
     staged, blocks = scratch.staged, scratch.blocks
-    columns, lines = load(scratch.corners, np.uint64(0)), load(scratch.corners, BLOCKS)
-    zero, span, faintest = np.float32(0), np.float32(3), limits[3] - _SLACK
+    columns, lines = load(scratch.centers, np.uint64(0)), load(scratch.centers, BLOCKS)
+    zero, faintest = fill_lanes(np.float32(0)), limits[3] - _SLACK
     solid = max(rule[1], limits[0])
     for slot in range(first, first + np.uint64(BATCH)):
         blocks[slot] = np.uint16(0)
@@ -126,20 +126,15 @@ def _stage(scratch, first, records, splats, start, stop, corner, limits, rule):
         target = slot * LANES
         a, b, c = records[at + AT_A], records[at + AT_B], records[at + AT_C]
         x, y = records[at + AT_X] - corner[0], records[at + AT_Y] - corner[1]
+        corner_u, corner_v = -(a * x + b * y), -c * y
         store(staged, target, load(records, at))
-        staged[target + _STAGED_U], staged[target + _STAGED_V] = -(a * x + b * y), -c * y
+        staged[target + _STAGED_U], staged[target + _STAGED_V] = corner_u, corner_v
         staged[target + _STAGED_SOLID] = solid if records[at + AT_OPACITY] >= rule[0] else _NEVER
-        # Offsets of each block's columns and lines. If the mean lies outside, the exponent is largest on the side that
-        # is nearest to it along one of the axes.
-        left, upper = columns - x, lines - y
-        right, lower = left + span, upper + span
-        near_x, near_y = greatest(left, least(right, zero)), greatest(upper, least(lower, zero))
-        xy = records[at + AT_COV_XY]
-        best_x = least(greatest((xy / records[at + AT_COV_YY]) * near_y, left), right)
-        best_y = least(greatest((xy / records[at + AT_COV_XX]) * near_x, upper), lower)
-        u, v = a * near_x + b * best_y, c * best_y
-        other_u, other_v = a * best_x + b * near_y, c * near_y
-        nearest = least(u * u + v * v, other_u * other_u + other_v * other_v)
+        # In u and v a block is a parallelogram. How near the rectangle around it comes to the mean bounds exponents.
+        u, v = columns * a + lines * b + corner_u, lines * c + corner_v
+        u = greatest(magnitude(u) - _FROM_CENTER * (a + abs(b)), zero)
+        v = greatest(magnitude(v) - _FROM_CENTER * c, zero)
+        nearest = u * u + v * v
         blocks[slot] = pack_lane_bits(nearest <= records[at + AT_BASE] - faintest)
 
 

@@ -34,8 +34,8 @@ class Scratch(NamedTuple):
     """One task's memory. Bits of blocks: one uint16 each, a bit per pixel."""
 
     planes: Float32[ndarray, " planes*272"]
-    corners: Float32[ndarray, " 32"]
-    """First column of each block, first line of each."""
+    centers: Float32[ndarray, " 32"]
+    """Column of each block's centre, line of each."""
     inside: UInt16[ndarray, " 16"]
     """Pixels within the image."""
     open: UInt16[ndarray, " 16"]
@@ -53,9 +53,9 @@ class Scratch(NamedTuple):
 @numba.njit(cache=True, error_model="numpy")
 def new_scratch():
     """Make memory for tiles, one after the other."""
-    planes, corners = allocate_aligned_zeros(np.int64(LINE + STRIDE)), allocate_aligned_zeros(2 * np.int64(BLOCKS))
+    planes, centers = allocate_aligned_zeros(np.int64(LINE + STRIDE)), allocate_aligned_zeros(2 * np.int64(BLOCKS))
     for block in range(16):
-        corners[block], corners[16 + block] = block % 4 * 4, block // 4 * 4
+        centers[block], centers[16 + block] = block % 4 * 4 + 1.5, block // 4 * 4 + 1.5
         for lane in range(16):
             place = block * 16 + lane
             planes[np.int64(COLUMN) + place] = block % 4 * 4 + lane % 4
@@ -63,7 +63,7 @@ def new_scratch():
     bits = np.zeros((4, 16), np.uint16)
     slots = KEPT_BATCHES * BATCH
     staged, blocks = allocate_aligned_zeros(slots * np.int64(LANES)), np.zeros(slots, np.uint16)
-    return Scratch(planes, corners, bits[0], bits[1], bits[2], bits[3], staged, blocks)
+    return Scratch(planes, centers, bits[0], bits[1], bits[2], bits[3], staged, blocks)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")

@@ -14,8 +14,9 @@ from jaxtyping import Int64, UInt64
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.kernels.bin import SLACK, TILE, TILE_BITS, extent, indices
-from instdrive_core.rasterize.kernels.simd import prefetch
+from instdrive_core.rasterize.kernels.bin import SLACK, TILE, TILE_BITS, indices
+from instdrive_core.rasterize.kernels.lane_math import round_down, round_up, take_root
+from instdrive_core.rasterize.kernels.simd import WIDTH, choose, greatest, least, load, prefetch, store
 from instdrive_core.rasterize.preview.splats import (
     AT_COV_XX,
     AT_COV_XY,
@@ -36,6 +37,8 @@ _AHEAD = np.uint64(24)
 _LEAST_ROOM, _FEW_TILES = 1 << 12, 4
 _SIDE, _ROW, _BITS, _MANY = np.uint64(0xFFFF), np.uint64(16), np.uint64(32), np.uint64(MANY)
 """Where in a record of `ProjectedSplats.tiles` the row and the bits are."""
+_NUMBERS, _UPPER = np.uint64(WIDTH), np.uint64(2 * WIDTH)
+"""In what `_cut_rows` writes: where the numbers of tiles begin, and behind them the first line of each of its rows."""
 _SPLAT, _TILE = np.uint64(32), np.uint64(0xFFFFFFFF)
 """A pair is the number of the tile and, beyond these bits, the splat."""
 
@@ -72,12 +75,23 @@ def bin_preview_splats(found: ProjectedSplats, width: int, height: int, workspac
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def _cut_ellipse(x, y, xx, xy, yy, limit):
-    """A splat's ellipse of visible alpha, cut in rows of tiles, as `extent` takes it."""
-    return (
-        *(x, y, np.sqrt(limit * yy) + SLACK, xy / yy, xx - xy * xy / yy, limit),
-        *(np.float32(1) / yy, xy * np.sqrt(limit / xx)),
-    )
+def _cut_rows(flat, at, row, width, tiles):
+    """Cut a splat's ellipse of visible alpha in sixteen rows of tiles from `row` on: the first tile of each that it
+    reaches, then how many there are. Undefined for rows that it does not reach."""
+    x, y, limit, zero = flat[at + AT_X], flat[at + AT_Y], flat[at + AT_LIMIT], np.float32(0)
+    xx, xy, yy = flat[at + AT_COV_XX], flat[at + AT_COV_XY], flat[at + AT_COV_YY]
+    slope, stretch, inverse, reach = xy / yy, xx - xy * xy / yy, np.float32(1) / yy, np.sqrt(limit * yy) + SLACK
+    peak = xy * np.sqrt(limit / xx)
+    upper = load(tiles, _UPPER) + (np.float32(row * np.uint64(TILE)) - y)
+    low, high = greatest(upper, zero - reach), least(upper + np.float32(TILE - 1), reach)
+    left, right = least(greatest(low, zero - peak), high), least(greatest(low, peak), high)
+    half_left = take_root(greatest(stretch * (limit - left * left * inverse), zero)) + SLACK
+    half_right = take_root(greatest(stretch * (limit - right * right * inverse), zero)) + SLACK
+    first = round_up(greatest(slope * left - half_left + x, zero))
+    last = round_down(least(slope * right + half_right + x, width - np.float32(1)))
+    start = round_down(first * np.float32(1 / TILE))
+    store(tiles, np.uint64(0), start)
+    store(tiles, _NUMBERS, choose(last >= first, round_down(last * np.float32(1 / TILE)) - start + np.float32(1), zero))
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
@@ -90,7 +104,9 @@ def _list_pairs(records, flat, size, pairs, counts, counters):
     count, width, columns, room = np.uint64(len(records)), size[0], np.uint64(size[2]), np.uint64(pairs.shape[1])
     one, two = np.uint64(1), np.uint64(2)
     for chunk in numba.prange(_CHUNKS):
-        c, written = np.uint64(chunk), np.uint64(0)
+        c, written, tiles = np.uint64(chunk), np.uint64(0), np.empty(3 * WIDTH, np.float32)
+        for place in range(WIDTH):
+            tiles[np.int64(_UPPER) + place] = np.float32(place * TILE)
         begin, stop = count * c // np.uint64(_CHUNKS), count * (c + one) // np.uint64(_CHUNKS)
         for splat in range(begin, stop):
             soon = min(splat + _AHEAD, stop - one)
@@ -112,20 +128,24 @@ def _list_pairs(records, flat, size, pairs, counts, counters):
             if bits == np.uint64(0):
                 continue
             at = splat * np.uint64(SPLAT_FLOATS)
-            ellipse = _cut_ellipse(
-                *(flat[at + AT_X], flat[at + AT_Y], flat[at + AT_COV_XX], flat[at + AT_COV_XY]),
-                *(flat[at + AT_COV_YY], flat[at + AT_LIMIT]),
-            )
-            upper, lower = indices(ellipse[1] - ellipse[2], ellipse[1] + ellipse[2], size[1])
-            for row in range(upper >> TILE_BITS, (lower + TILE - 1) >> TILE_BITS):
-                left, right = extent(ellipse, row, width)
-                row_start = np.uint64(row) * columns
-                for tile in range(
-                    row_start + np.uint64(left >> TILE_BITS), row_start + np.uint64((right + TILE - 1) >> TILE_BITS)
-                ):
-                    if written < room:
-                        pairs[c, written] = pair | tile
-                    written += one
+            y, reach = flat[at + AT_Y], np.sqrt(flat[at + AT_LIMIT] * flat[at + AT_COV_YY]) + SLACK
+            upper, lower = indices(y - reach, y + reach, size[1])
+            top, bottom = np.uint64(upper >> TILE_BITS), np.uint64((lower + TILE - 1) >> TILE_BITS)
+            for row in range(top, bottom):
+                k = (row - top) % np.uint64(WIDTH)
+                if k == np.uint64(0):
+                    _cut_rows(flat, at, row, np.float32(width), tiles)
+                first, number = row * columns + np.uint64(tiles[k]), np.uint64(tiles[_NUMBERS + k])
+                begun = written + np.uint64(_FEW_TILES) <= room
+                if begun:  # most rows have no more, and how many they have, nothing foretells
+                    pairs[c, written] = pair | first
+                    pairs[c, written + one] = pair | (first + one)
+                    pairs[c, written + two] = pair | (first + two)
+                    pairs[c, written + two + one] = pair | (first + two + one)
+                for place in range(np.uint64(_FEW_TILES) if begun else np.uint64(0), number):
+                    if written + place < room:
+                        pairs[c, written + place] = pair | (first + place)
+                written += number
         counts[chunk] = written
         for place in range(min(written, room)):
             counters[c, pairs[c, place] & _TILE] += 1

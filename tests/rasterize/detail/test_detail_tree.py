@@ -6,6 +6,7 @@ import pytest
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.workspace import Workspace
+from instdrive_core.rasterize.detail import tree as detail_tree
 from instdrive_core.rasterize.detail.cut import choose_cut
 from instdrive_core.rasterize.detail.fit import LeafState, NodeState
 from instdrive_core.rasterize.detail.gather import gather_cut
@@ -174,6 +175,15 @@ def test_what_is_gathered_is_the_splat_or_its_node(scene, tree):
     np.testing.assert_array_equal(found.opacities[:a], leaves.opacities[cut.splats])
     np.testing.assert_allclose(found.opacities[a:], 0.5 * tree.opacities[cut.nodes])
     assert all(row in descendants(tree, node) for row, node in zip(found.rows[a:], cut.nodes, strict=True))
+
+
+def test_trees_are_made_in_turns(scene, tree, monkeypatch):
+    turns = []
+    monkeypatch.setattr(detail_tree, "_PORTION", 97)
+    made = build_detail_tree(*scene, lambda: turns.append(1))
+    assert len(turns) > len(tree.means) / 97
+    for name, values in vars(tree).items():
+        np.testing.assert_array_equal(values, getattr(made, name))
 
 
 def test_scenes_without_splats_and_with_broken_ones_have_trees(scene):

@@ -234,7 +234,7 @@ def test_a_draft_is_a_coarser_picture_of_the_same(renderer, street):
     sharp = renderer.read_picture().astype(float)
     renderer.render(resolve(state, *SIZE, draft=True))
     assert renderer.read_blended().shape == (SIZE[1] // 2, SIZE[0] // 2, 4)
-    assert 0 < np.abs(renderer.read_picture() - sharp).mean() < 8
+    assert 0 < np.abs(renderer.read_picture() - sharp).mean() < 2.5
 
 
 @pytest.mark.parametrize("mode", list(ViewMode))

@@ -84,3 +84,15 @@ def test_splats_that_look_alike_from_everywhere_are_not_remembered(street, monke
     view = camera.view_from_camera(document.scene.views[0])
     SoftwareDraw()(FrameRequest(SceneWatcher(document).take_state(), resolve(EditorState(viewpoint=view), *SIZE)))
     assert sizes == [0]
+
+
+def test_zeros_of_either_sign_are_one_place(shiny, monkeypatch):
+    shares = _count_recalled(monkeypatch)
+    watcher, kept = SceneWatcher(shiny), SoftwareDraw(fewest=10**9)
+    look = camera.view_from_camera(shiny.scene.views[0])
+    for zero, show_sky in ((0.0, True), (-0.0, False)):
+        pose = look.world_from_camera.copy()
+        pose[1, 3] = zero
+        state = EditorState(viewpoint=replace(look, world_from_camera=pose), show_sky=show_sky)
+        kept(FrameRequest(watcher.take_state(), resolve(state, *SIZE)))
+    assert shares[0] == 0 < shares[1]

@@ -1,5 +1,6 @@
 """Drafts with levels of detail against drafts of all splats."""
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.rasterize.kernels.settings import RasterSettings
 
 SIZE = (300, 180)
 BLUE_CAR = FIRST_CAR + 1
@@ -63,6 +65,23 @@ def test_drafts_with_levels_of_detail_look_alike_and_draw_fewer(pair, monkeypatc
         pair.assert_alike(index)
     merged = drawn[-1]
     assert merged.splat_count < len(merged.rows) < len(pair.document.scene)
+
+
+@pytest.mark.parametrize("merging", [False, True])
+def test_pixels_of_drafts_are_means_of_the_sharp_pictures(pair, monkeypatch, merging):
+    def compute_error():
+        pair.plain, pair.detailed = SoftwareDraw(fewest=10**9), SoftwareDraw(fewest=0)
+        draft = pair.draw()[merging].picture[..., :3]
+        view = pair.document.scene.views[0]
+        state = EditorState(viewpoint=camera.view_from_camera(view), time=view.time)
+        sharp = pair.plain(FrameRequest(pair.watcher.take_state(), resolve(state, *SIZE))).picture[..., :3]
+        means = sharp.reshape(draft.shape[0], 2, draft.shape[1], 2, 3).mean(axis=(1, 3))
+        return ((means - draft) ** 2).mean()
+
+    monkeypatch.setattr(merged_splats, "_START", 1.0)
+    error = compute_error()
+    monkeypatch.setattr(RasterSettings, "fit_smaller", lambda settings, factor: settings)
+    assert error < 0.5 * compute_error()
 
 
 @pytest.mark.parametrize(
@@ -126,6 +145,34 @@ def test_drafts_are_whole_where_there_is_time_and_half_where_there_is_none(stree
     for _ in range(20):
         made.adapt(3.0)
     assert made.factor == 2
+
+
+def test_levels_of_detail_are_not_built_while_a_sharp_frame_is_drawn(pair, monkeypatch):
+    begun, waits = [], []
+
+    class Noted(MergedSplats):
+        def __init__(self, placed, wait_for_turn):
+            begun.append(wait_for_turn)
+            super().__init__(placed)
+
+    def begin_turn():
+        turn = threading.Thread(target=begun[0])
+        turn.start()
+        turn.join(0.05)
+        waits.append((turn, turn.is_alive()))
+
+    monkeypatch.setattr(draw, "MergedSplats", Noted)
+    monkeypatch.setattr(draw, "DRAFT_SECONDS", 0.0)
+    view = pair.document.scene.views[0]
+    state = EditorState(viewpoint=camera.view_from_camera(view), time=view.time)
+    states = [replace(state, show_sky=sky) for sky in (True, False)]
+    requests = [FrameRequest(pair.watcher.take_state(), resolve(state, *SIZE)) for state in states]
+    pair.detailed(requests[0])
+    begin_turn()
+    pair.detailed(requests[1], begin_turn)
+    (_, after), (during, held) = waits
+    during.join(5)
+    assert (after, held, during.is_alive()) == (False, True, False)
 
 
 def test_without_memory_drafts_go_on_without_levels_of_detail(pair):
