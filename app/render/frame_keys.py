@@ -1,4 +1,4 @@
-"""What both renderers take a frame by: keys that are equal where pictures are, and the sizes of drafts."""
+"""What both renderers take a frame by: keys that are equal where pictures are, when to draw drafts, and how small."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 from instdrive_app.state import FrameSnapshot, ViewMode
 from instdrive_core.scene.camera import Camera
 
+SMOOTH_SECONDS = 1 / 30
+"""Frames that take longer are drawn coarsely while the camera moves or the drive plays."""
 DRAFT_FACTOR = 2
 """How many times fewer pixels per axis blended views have while the camera moves."""
 FLAT_MODES = (ViewMode.INSTANCE, ViewMode.CODEWORD)

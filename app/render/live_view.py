@@ -8,6 +8,7 @@ from collections.abc import Callable
 import moderngl
 import numpy as np
 
+from instdrive_app.render.frame_keys import SMOOTH_SECONDS
 from instdrive_app.render.frame_renderer import (
     FrameRenderer,
     choose_renderer_kind,
@@ -22,8 +23,6 @@ from instdrive_app.render.software.warm_up import start_warm_up
 from instdrive_app.state import EditorState, FrameSnapshot, resolve
 from instdrive_core.edits.document.document import Document
 
-SMOOTH_SECONDS = 1 / 16
-"""Frames that take longer are drawn coarsely while the camera moves or the drive plays."""
 SETTLE_SECONDS = 0.15
 """Time without movement after which a view counts as still."""
 

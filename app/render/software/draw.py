@@ -14,6 +14,7 @@ from numpy import ndarray
 from instdrive_app.render.frame_keys import (
     DRAFT_FACTOR,
     FLAT_MODES,
+    SMOOTH_SECONDS,
     make_camera_key,
     make_snapshot_key,
     round_to_figure,
@@ -40,7 +41,7 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
 
 DRAFT_SECONDS = 1 / 16
-"""Drafts leave out enough splats to be drawn in this time."""
+"""Drafts of scenes without levels of detail leave out enough splats to be drawn in this time."""
 MERGED_SECONDS = 1 / 40
 """Drafts of scenes with levels of detail are drawn coarsely enough for this time."""
 FEWEST_SPLATS = 150_000
@@ -124,7 +125,7 @@ class SoftwareDraw:
             finally:
                 self._calm.set()
             self._key, seconds = key, time.perf_counter() - started
-            if seconds > DRAFT_SECONDS:
+            if seconds > SMOOTH_SECONDS:
                 self._start_merging(placed)
             if merged is not None and snapshot.draft:
                 merged.adapt(seconds / MERGED_SECONDS)

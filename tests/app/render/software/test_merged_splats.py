@@ -162,7 +162,7 @@ def test_levels_of_detail_are_not_built_while_a_sharp_frame_is_drawn(pair, monke
         waits.append((turn, turn.is_alive()))
 
     monkeypatch.setattr(draw, "MergedSplats", Noted)
-    monkeypatch.setattr(draw, "DRAFT_SECONDS", 0.0)
+    monkeypatch.setattr(draw, "SMOOTH_SECONDS", 0.0)
     view = pair.document.scene.views[0]
     state = EditorState(viewpoint=camera.view_from_camera(view), time=view.time)
     states = [replace(state, show_sky=sky) for sky in (True, False)]
