@@ -43,7 +43,8 @@ def claim_flat(
     on_ground = counts & is_ground[groups]
     fresh = np.flatnonzero(on_ground & (heights <= ON_GROUND))
     free = np.flatnonzero(counts & ~on_ground & (heights + thicknesses <= FLAT))
-    places, claimed = means * np.array([1, 1, UPWARDS], np.float32), groups.copy()
+    surface = means[:, 2] - np.minimum(heights, 0)  # what lies below the ground looks as if it lay on it
+    places, claimed = np.column_stack([means[:, :2], UPWARDS * surface]), groups.copy()
     while len(fresh) and len(free):
         tree, threads = KDTree(places[fresh]), numba.get_num_threads()
         distances, nearest = tree.query(places[free], distance_upper_bound=HOP, workers=threads)
