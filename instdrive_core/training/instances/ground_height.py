@@ -32,8 +32,10 @@ def measure_heights(means: Float32[ndarray, "n 3"], ground: Float32[ndarray, "p 
     tree, threads = KDTree(ground[:, :2]), numba.get_num_threads()
     asked = min(ASKED, len(ground))
     _, around = tree.query(ground[:, :2], asked, distance_upper_bound=AROUND, workers=threads)
-    padded = np.append(ground[:, 2], np.float32(np.nan))
-    floor = np.nanquantile(padded[np.asarray(around).reshape(len(ground), asked)], FLOOR, axis=1)
+    padded = np.append(ground[:, 2], np.float32(np.inf))
+    near = np.sort(padded[np.asarray(around).reshape(len(ground), asked)], axis=1)
+    lowest = np.floor(FLOOR * (np.isfinite(near).sum(axis=1) - 1)).astype(np.int64)
+    floor = near[np.arange(len(near)), lowest]
     distances, nearest = tree.query(means[:, :2], distance_upper_bound=NEAR, workers=threads)
     known = np.isfinite(distances)
     heights = np.full(len(means), np.inf, np.float32)
