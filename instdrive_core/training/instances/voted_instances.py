@@ -22,10 +22,8 @@ from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.affinity_graph import merge_groups
-from instdrive_core.training.instances.ground_claims import claim_flat
-from instdrive_core.training.instances.ground_height import measure_heights
+from instdrive_core.training.instances.ground_mending import mend_ground
 from instdrive_core.training.instances.instance_learner import LearnedInstances
-from instdrive_core.training.instances.level_ground import join_level_ground
 from instdrive_core.training.instances.lidar_things import add_lidar_masks, assign_lidar_things, measure_silence
 from instdrive_core.training.instances.mask_votes import compute_vote_shares, vote_groups
 from instdrive_core.training.instances.mask_weights import MaskWeights, measure_mask_weights
@@ -67,7 +65,7 @@ def vote_instances(
         groups = _refill_unmasked(groups, observed, model, config.graph)
     groups = fill_from_nearest(groups, means, model.nodes)
     if lidar is not None:
-        groups = _mend_ground(groups, shown, model, lidar.ground)
+        groups = mend_ground(groups, shown, model, lidar.ground)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
     groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, compute_vote_shares(observed, groups))
     _, groups = np.unique(groups, return_inverse=True)
@@ -90,17 +88,6 @@ def _refill_unmasked(
     )
 
 
-def _mend_ground(
-    groups: Int64[ndarray, " n"], shown: Float32[ndarray, " n"], model: SceneModel, ground: Float32[ndarray, "p 3"]
-) -> Int64[ndarray, " n"]:
-    """Join the pieces of a road, and give it back the shadows of cars."""
-    names = ("means", "quats", "log_scales", "sh_dc")
-    means, quats, log_scales, sh_dc = (model.parameters[name].detach().numpy() for name in names)
-    heights = measure_heights(means, ground)
-    groups = join_level_ground(groups, shown, model.nodes, means, color_from_dc(sh_dc), ground, heights)
-    return claim_flat(groups, shown, model.nodes, means, _compute_thicknesses(quats, log_scales), heights)
-
-
 def _compute_normals(quats: Float32[ndarray, "n 4"], log_scales: Float32[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
     """Compute the thinnest axis of each Gaussian, block by block: matrices of all would take ten times as much."""
     normals = np.empty((len(quats), 3), np.float64)
@@ -109,16 +96,6 @@ def _compute_normals(quats: Float32[ndarray, "n 4"], log_scales: Float32[ndarray
         axes = matrix_from_quaternion(quats[block].astype(np.float64))
         normals[block] = axes[np.arange(len(axes)), :, np.argmin(log_scales[block], axis=1)]
     return normals
-
-
-def _compute_thicknesses(quats: Float32[ndarray, "n 4"], log_scales: Float32[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
-    """Compute the standard deviation (metres) of each Gaussian along z, block by block."""
-    thicknesses = np.empty(len(quats), np.float32)
-    for start in range(0, len(quats), _BLOCK):
-        block = slice(start, min(start + _BLOCK, len(quats)))
-        axes = matrix_from_quaternion(quats[block].astype(np.float64))
-        thicknesses[block] = np.linalg.norm(axes[:, 2] * np.exp(log_scales[block]), axis=1)
-    return thicknesses
 
 
 def _first_groups(observed: MaskWeights, means: ndarray, nodes: ndarray, config: GraphConfig) -> Int64[ndarray, " n"]:

@@ -1,0 +1,45 @@
+"""What LiDAR's ground says of instances that were learned from masks."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, Int64
+from numpy import ndarray
+
+from instdrive_core.maths.rotations import matrix_from_quaternion
+from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.ground_claims import claim_flat
+from instdrive_core.training.instances.ground_height import measure_heights
+from instdrive_core.training.instances.level_ground import join_level_ground
+
+_BLOCK = 1 << 17
+"""Gaussians whose axes are computed in one go."""
+
+
+def mend_ground(
+    groups: Int64[ndarray, " n"], shown: Float32[ndarray, " n"], model: SceneModel, ground: Float32[ndarray, "p 3"]
+) -> Int64[ndarray, " n"]:
+    """Join the pieces of a road, and give it back the shadows of cars.
+
+    Args:
+        groups: of each Gaussian; -1 = none.
+        shown: how much of the photos each shows.
+        model: the Gaussians, of which those on actors keep their groups, as far as these are not joined.
+        ground: LiDAR points of the ground, in metres in the world; z is up.
+    """
+    names = ("means", "quats", "log_scales", "sh_dc")
+    means, quats, log_scales, sh_dc = (model.parameters[name].detach().numpy() for name in names)
+    heights = measure_heights(means, ground)
+    groups = join_level_ground(groups, shown, model.nodes, means, color_from_dc(sh_dc), ground, heights)
+    return claim_flat(groups, shown, model.nodes, means, _compute_thicknesses(quats, log_scales), heights)
+
+
+def _compute_thicknesses(quats: Float32[ndarray, "n 4"], log_scales: Float32[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
+    """Compute the standard deviation (metres) of each Gaussian along z, block by block."""
+    thicknesses = np.empty(len(quats), np.float32)
+    for start in range(0, len(quats), _BLOCK):
+        block = slice(start, min(start + _BLOCK, len(quats)))
+        axes = matrix_from_quaternion(quats[block].astype(np.float64))
+        thicknesses[block] = np.linalg.norm(axes[:, 2] * np.exp(log_scales[block]), axis=1)
+    return thicknesses
