@@ -39,6 +39,9 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Windows are drawn by Mesa's CPU renderer here. By itself it starts a thread for each core, which wait for each other
 # where a neighbour's test has the cores: a fifth of the time of a frame.
 os.environ.setdefault("LP_NUM_THREADS", "0")
+# Threads of parallel kernels and of torch wait in a busy loop for each other and for more to do, unless told otherwise:
+# a fifth of the time of training where a neighbour's test has the cores. Read as OpenMP is loaded.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 # The first example of a test may have to compile what it tests: that takes seconds, and says nothing of it.
 UNHURRIED = settings(
     deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture], print_blob=True

@@ -27,11 +27,11 @@ def demo_folder(tmp_path_factory):
     config = build_train_config("instdrive", "demo")
     config = replace(
         config,
-        init=InitConfig(lidar_points=40_000, near_points=2_000, far_points=2_000, actor_points=500),
-        geometry=replace(config.geometry, iterations=250, coarse_iterations=80, sky_resolution=32),
-        instances=replace(config.instances, iterations=500),
+        init=InitConfig(lidar_points=20_000, near_points=2_000, far_points=2_000, actor_points=500),
+        geometry=replace(config.geometry, iterations=150, coarse_iterations=50, sky_resolution=32),
+        instances=replace(config.instances, iterations=250),
     )
-    prepare_run(out, StreetConfig(seed=7, steps=5, width=240, height=135), config, Console(quiet=True))
+    prepare_run(out, StreetConfig(seed=7, steps=5, width=160, height=90), config, Console(quiet=True))
     return out
 
 

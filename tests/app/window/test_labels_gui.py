@@ -37,7 +37,7 @@ def test_merge_split_reassign_and_class(window):
     window.tap("Return")
     window.wait_for_edit(f"Set class of instance {FIRST_CAR + 2} to Taxi")
     for _ in range(5):
-        window.key("ctrl+z")
+        window.tap("ctrl+z")  # a key held over slow frames repeats
     window.wait_for(lambda state: state["cursor"] == len(state["history"]) - 5, "five steps back")
     assert window.quit() == 0
 

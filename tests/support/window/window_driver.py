@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from clipboard import copied
+from seed import SeededProcess
 
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_core.files.file_lock import FileLock
@@ -99,17 +100,15 @@ class WindowDriver:
         self._report = folder / "report.jsonl"
         self._errors = (folder / "stderr.txt").open("w+")
         self._density = density
-        program = "dense_editor.py" if density > 1 else program
-        start = ["-m", "instdrive_app.main"] if program is None else [str(Path(__file__).with_name(program))]
-        command = [sys.executable, "-X", "faulthandler", *start, "edit", str(scene)]
-        command += ["--report", str(self._report), "--size", str(size[0]), str(size[1]), "--no-remember-layout"]
+        program = "dense_editor.py" if density > 1 else program or "plain_editor.py"
+        arguments = ["edit", scene, "--report", self._report, "--size", *size, "--no-remember-layout"]
         # Its own, unless another driver's is given: what that one left is offered to this one.
         chosen = (state or folder / "state") / "preferences.json"
         if knows_first_steps and not chosen.exists():  # else they would lie over the picture
             chosen.parent.mkdir(parents=True, exist_ok=True)
             chosen.write_text(json.dumps({"knows_first_steps": True}))
         environment = {**os.environ, "INSTDRIVE_STATE": str(state or folder / "state")}
-        self._process = subprocess.Popen(command, stderr=self._errors, env=environment)
+        self._process = SeededProcess(Path(__file__).with_name(program), arguments, environment, self._errors)
         self._clicked = (0.0, 0.0, 0.0)
 
     @property
