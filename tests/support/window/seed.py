@@ -70,7 +70,8 @@ def _start_seed():
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         number = theirs.fileno()
-        seed = subprocess.Popen([sys.executable, str(PROGRAM), str(number)], pass_fds=[number])
+        alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # else importing NumPy starts threads
+        seed = subprocess.Popen([sys.executable, str(PROGRAM), str(number)], pass_fds=[number], env=alone)
 
     def end():
         ours.close()

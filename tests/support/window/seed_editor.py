@@ -1,8 +1,8 @@
-"""A process that has imported the editor and loaded its kernels: each editor of the tests is a fork of it.
+"""A process that has imported the editor: each editor of the tests is a fork of it.
 
 Importing takes half the time of opening a window. ``python seed_editor.py SOCKET`` takes orders from the socket with
-that descriptor, see `seed`, until its other end closes. Nothing may start a thread before: a fork has
-none but its own.
+that descriptor, see `seed`, until its other end closes. Nothing may start a thread before, as compiled
+kernels would: a fork has none but its own, and waits for others for ever.
 """
 
 import faulthandler
@@ -16,7 +16,6 @@ from contextlib import suppress
 import instdrive_app.cli.edit
 import instdrive_app.session.editor_session
 import instdrive_app.shell.window  # noqa: F401
-from instdrive_app.render.warm_up import warm_up
 
 LONGEST = 1 << 20
 """Bytes of an order."""
@@ -68,7 +67,7 @@ def run_editor(order):
 
 
 if __name__ == "__main__":
-    warm_up()
+    assert len(os.listdir("/proc/self/task")) == 1, "a thread has been started"
     wanted = serve(socket.socket(fileno=int(sys.argv[1])))
     if wanted is not None:
         run_editor(wanted)

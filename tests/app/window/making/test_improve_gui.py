@@ -13,7 +13,7 @@ from instdrive_core.project.open import open_project
 from instdrive_core.training.run import RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, build_train_config
 
-LONG_ENOUGH = "0.15"
+LONG_ENOUGH = "0.25"
 """Minutes, in which somebody can press Pause."""
 
 
