@@ -30,7 +30,7 @@ NEAREST, FARTHEST = 2.9, 4.1
 SLOPE_CELLS = 25
 """Cells along a side of the squares whose slope is no step."""
 STEP = 0.025
-"""Metres, a quarter of a kerb; pieces of one road differ by half as much. (PandaSet: pavements rise by 0.03 to 0.12.)"""
+"""Metres, a quarter of a kerb; pieces of one road differ by half as much. PandaSet's pavements rise by 0.03 to 0.12."""
 COLOR_DIFFERENCE = 0.1
 """Difference in a channel of 0 to 1 above which two surfaces are of other stuff, or in other light."""
 MIN_MEETINGS = 8
