@@ -1,4 +1,8 @@
-"""How high Gaussians lie above the ground that LiDAR saw."""
+"""How high Gaussians lie above the ground that LiDAR saw.
+
+The surface that tells LiDAR's own points from the ground (`masks.lidar.ground`) is smooth across kerbs, and guessed
+where nothing was seen. Here kerbs matter, and what is not known is said.
+"""
 
 from __future__ import annotations
 

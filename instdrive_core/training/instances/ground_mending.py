@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
 from jaxtyping import Float32, Int64
 from numpy import ndarray
 
-from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.ground_claims import claim_flat
 from instdrive_core.training.instances.ground_height import measure_heights
 from instdrive_core.training.instances.level_ground import join_level_ground
-
-_BLOCK = 1 << 17
-"""Gaussians whose axes are computed in one go."""
+from instdrive_core.training.instances.splat_axes import compute_thicknesses
 
 
 def mend_ground(
@@ -32,14 +28,4 @@ def mend_ground(
     means, quats, log_scales, sh_dc = (model.parameters[name].detach().numpy() for name in names)
     heights = measure_heights(means, ground)
     groups = join_level_ground(groups, shown, model.nodes, means, color_from_dc(sh_dc), ground, heights)
-    return claim_flat(groups, shown, model.nodes, means, _compute_thicknesses(quats, log_scales), heights)
-
-
-def _compute_thicknesses(quats: Float32[ndarray, "n 4"], log_scales: Float32[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
-    """Compute the standard deviation (metres) of each Gaussian along z, block by block."""
-    thicknesses = np.empty(len(quats), np.float32)
-    for start in range(0, len(quats), _BLOCK):
-        block = slice(start, min(start + _BLOCK, len(quats)))
-        axes = matrix_from_quaternion(quats[block].astype(np.float64))
-        thicknesses[block] = np.linalg.norm(axes[:, 2] * np.exp(log_scales[block]), axis=1)
-    return thicknesses
+    return claim_flat(groups, shown, model.nodes, means, compute_thicknesses(quats, log_scales), heights)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Int64
 from numpy import ndarray
 
 from instdrive_core.instances.codebook import decode_codewords
@@ -18,7 +18,6 @@ from instdrive_core.instances.separated_codes import generate_separated_codeword
 from instdrive_core.instances.similarity import fill_from_similar
 from instdrive_core.masks.lidar.scene import LidarScene
 from instdrive_core.maths.activations import sigmoid
-from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.affinity_graph import merge_groups
@@ -27,12 +26,11 @@ from instdrive_core.training.instances.instance_learner import LearnedInstances
 from instdrive_core.training.instances.lidar_things import add_lidar_masks, assign_lidar_things, measure_silence
 from instdrive_core.training.instances.mask_votes import compute_vote_shares, vote_groups
 from instdrive_core.training.instances.mask_weights import MaskWeights, measure_mask_weights
+from instdrive_core.training.instances.splat_axes import compute_normals
 from instdrive_core.training.instances.superpoints import find_neighbor_pairs, join_superpoints
 from instdrive_core.training.settings.config import GraphConfig, TrainConfig
 from instdrive_core.training.views.view_store import ViewStore
 
-_BLOCK = 1 << 17
-"""Gaussians whose axes are computed in one go."""
 _FEATURE = 0.5
 """Features are this multiple of the codeword's vector."""
 
@@ -81,21 +79,11 @@ def _refill_unmasked(
     """Ask neighbours that look alike where hardly any mask speaks: stray weight of masks nearby would decide else."""
     unknown = (observed.compute_unmasked_shares() > config.max_unmasked) & (model.nodes == 0)
     parameters = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "sh_dc")}
-    normals = _compute_normals(parameters["quats"], parameters["log_scales"])
+    normals = compute_normals(parameters["quats"], parameters["log_scales"])
     colors = color_from_dc(parameters["sh_dc"])
     return fill_from_similar(
         groups, unknown, parameters["means"], colors, normals, model.nodes, config.similar_neighbors
     )
-
-
-def _compute_normals(quats: Float32[ndarray, "n 4"], log_scales: Float32[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
-    """Compute the thinnest axis of each Gaussian, block by block: matrices of all would take ten times as much."""
-    normals = np.empty((len(quats), 3), np.float64)
-    for start in range(0, len(quats), _BLOCK):
-        block = slice(start, min(start + _BLOCK, len(quats)))
-        axes = matrix_from_quaternion(quats[block].astype(np.float64))
-        normals[block] = axes[np.arange(len(axes)), :, np.argmin(log_scales[block], axis=1)]
-    return normals
 
 
 def _first_groups(observed: MaskWeights, means: ndarray, nodes: ndarray, config: GraphConfig) -> Int64[ndarray, " n"]:

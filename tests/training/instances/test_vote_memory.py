@@ -8,7 +8,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from instdrive_core.instances import similarity
-from instdrive_core.training.instances import mask_agreement, superpoints, voted_instances
+from instdrive_core.training.instances import mask_agreement, splat_axes, superpoints
 from instdrive_core.training.instances.affinity_graph import merge_groups
 from instdrive_core.training.instances.mask_agreement import compute_agreements
 from instdrive_core.training.instances.mask_votes import compute_vote_shares, sum_mask_areas, vote_groups
@@ -52,7 +52,7 @@ def learn_groups(means: np.ndarray, observed: MaskWeights, rows: np.ndarray) -> 
 def small_blocks(monkeypatch):
     for module, name in ((mask_agreement, "_BLOCK"), (superpoints, "_BLOCK"), (similarity, "_BLOCK")):
         monkeypatch.setattr(module, name, 37)
-    monkeypatch.setattr(voted_instances, "_BLOCK", 41)
+    monkeypatch.setattr(splat_axes, "_BLOCK", 41)
 
 
 @pytest.mark.usefixtures("small_blocks")
@@ -92,12 +92,12 @@ def test_blocks_change_no_bit(monkeypatch) -> None:
 
     def compute() -> list[np.ndarray]:
         similar = similarity.fill_from_similar(groups, rng_mask, means, colors, normals, nodes, 8)
-        axes = voted_instances._compute_normals(quats, log_scales)
+        axes = splat_axes.compute_normals(quats, log_scales)
         return [find_neighbor_pairs(means, 6), find_distinct_pairs(wide), similar, axes]
 
     rng_mask = rng.random(300) < 0.4
     whole = compute()
-    for module in (superpoints, similarity, voted_instances):
+    for module in (superpoints, similarity, splat_axes):
         monkeypatch.setattr(module, "_BLOCK", 17)
     for one, other in zip(whole, compute(), strict=True):
         np.testing.assert_array_equal(one, other)
