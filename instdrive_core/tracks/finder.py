@@ -10,6 +10,7 @@ import numpy as np
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.candidates import find_candidates
+from instdrive_core.tracks.creepers import find_creepers
 from instdrive_core.tracks.fragments import merge_fragments
 from instdrive_core.tracks.interpenetration import resolve_overlaps
 from instdrive_core.tracks.linking import link_sightings, without_slivers
@@ -83,6 +84,8 @@ def find_things(
     movers = [thing for thing in solved if thing is not None and is_mover(thing, clouds)]
     on_stage("joining fragments")
     whole = merge_fragments(movers, clouds, votes)
+    on_stage("looking for what creeps")
+    whole = merge_fragments([*whole, *find_creepers(whole, clouds, votes)], clouds, votes)
     on_stage("following on")
     again = drop_covered([solve_again(thing, clouds, votes) for thing in whole], clouds)
     joined = [thing for thing in merge_fragments(again, clouds, votes) if is_mover(thing, clouds)]

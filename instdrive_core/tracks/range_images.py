@@ -158,7 +158,7 @@ def count_votes(
     """
     votes = []
     for number, every in enumerate(points):
-        chosen, group = _group_points(every)
+        chosen, group = group_points(every)
         voters = [
             (image, bool(abs(times[other] - times[number]) <= WINDOW))
             for other in _voters(number, times, len(images[number]))
@@ -184,7 +184,7 @@ def count_votes(
     return votes
 
 
-def _group_points(points: Float32[ndarray, "n 3"]) -> tuple[ndarray, ndarray]:
+def group_points(points: Float32[ndarray, "n 3"]) -> tuple[ndarray, ndarray]:
     """Rows of one point per cell of `CELL` metres, and for each point the number of the one in its cell."""
     cells = np.floor(points / CELL).astype(np.int64)
     cells -= cells.min(axis=0, initial=0) if len(cells) else 0

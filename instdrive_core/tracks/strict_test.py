@@ -8,6 +8,7 @@ import numpy as np
 from instdrive_core.tracks.motion_tests import moves_with_ego
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
+from instdrive_core.tracks.vacated import vacates
 
 MAX_RATIO, SURE_SEEN, SURE_RATIO = 0.5, 0.5, 0.72
 """Greatest `motion_ratio`; what was seen through at so many of its places may have the greater one: slow things overlap
@@ -47,7 +48,8 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
     extent = np.percentile(local, 97, axis=0) - np.percentile(local, 3, axis=0)
     if way < MIN_WAY:
         return f"way {way:.2f}"
-    if thing.ratio > (SURE_RATIO if seen > SURE_SEEN else MAX_RATIO):
+    is_proved = vacates(thing, clouds)
+    if thing.ratio > (SURE_RATIO if seen > SURE_SEEN else MAX_RATIO) and not is_proved:
         return f"ratio {thing.ratio:.2f}"
     if extent[0] > MAX_LENGTH or extent[1] > MAX_WIDTH:
         return f"extent {extent[0]:.1f} {extent[1]:.1f}"
@@ -56,7 +58,7 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
         return "ego"
     size = float(extent[:2].max())
     walks_by = seen > FEW_SEEN and thing.ratio < SURE_MOTION and way > 3 * size
-    is_steady = len(thing.clusters) >= STEADY_SWEEPS and thing.ratio <= STEADY_RATIO
+    is_steady = is_proved or (len(thing.clusters) >= STEADY_SWEEPS and thing.ratio <= STEADY_RATIO)
     if seen < SEEN and not is_steady and ((distance < NEAR and not walks_by) or way < 2 * size):
         return f"seen {seen:.2f} at {distance:.0f} way {way:.1f}"
     if seen < FEW_SEEN and not is_steady and way < UNSEEN_WAY:
