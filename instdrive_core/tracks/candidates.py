@@ -63,11 +63,11 @@ def find_candidates(cloud: SweepCloud, votes: Votes, sweep: int) -> list[Cluster
     if not len(cloud.points):
         return []
     moves = ~votes.is_static
-    whole = cluster_rows(cloud, np.flatnonzero(_find_near_moving(cloud, moves)))
+    whole = cluster_cloud(cloud, np.flatnonzero(_find_near_moving(cloud, moves)))
     parts = [part for part in whole if _is_creeping_vehicle(cloud.points[part], moves[part])]
     taken = np.zeros(len(moves), bool)
     taken[np.concatenate([np.zeros(0, np.int64), *parts])] = True
-    parts += cluster_rows(cloud, np.flatnonzero(moves & ~taken))
+    parts += cluster_cloud(cloud, np.flatnonzero(moves & ~taken))
     return [
         make_cluster(cloud, votes.is_seen_through, np.sort(part), sweep)
         for part in parts
@@ -85,7 +85,7 @@ def _find_near_moving(cloud: SweepCloud, moves: Bool[ndarray, " n"]) -> Bool[nda
     return ndimage.binary_dilation(counts, np.ones((3, 3)))[cells[:, 0], cells[:, 1]]
 
 
-def cluster_rows(cloud: SweepCloud, rows: Int64[ndarray, " r"]) -> list[Int64[ndarray, " k"]]:
+def cluster_cloud(cloud: SweepCloud, rows: Int64[ndarray, " r"]) -> list[Int64[ndarray, " k"]]:
     """Rows of the points that hang together, cluster by cluster."""
     if not len(rows):
         return []

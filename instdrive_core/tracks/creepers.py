@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
 from scipy import ndimage
 
-from instdrive_core.tracks.candidates import Cluster, cluster_rows, make_cluster
+from instdrive_core.tracks.candidates import Cluster, cluster_cloud, make_cluster
 from instdrive_core.tracks.fragments import LORRY, TALL
 from instdrive_core.tracks.linking import link_sightings, without_slivers
 from instdrive_core.tracks.motion_tests import MIN_SWEEPS
@@ -21,7 +21,7 @@ from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
 from instdrive_core.tracks.starts import first_guesses
 from instdrive_core.tracks.strict_test import MIN_WAY, is_mover
 from instdrive_core.tracks.sweep_clouds import SweepCloud
-from instdrive_core.tracks.vacated import vacates
+from instdrive_core.tracks.vacated import may_vacate, vacates
 
 CAR = (6.5, 3.0)
 """Length and width in metres to which a cluster is a whole car; what is taller than `TALL` may be a lorry."""
@@ -61,7 +61,8 @@ def find_creepers(things: list[SolvedThing], clouds: list[SweepCloud], votes: li
         if len(chain.clusters) < MIN_SWEEPS:
             continue
         guesses = first_guesses(chain)
-        if max(guess.farthest_way() for guess in guesses) < LEAST_WAY * MIN_WAY:
+        goes = [guess for guess in guesses if guess.farthest_way() >= LEAST_WAY * MIN_WAY]
+        if not any(may_vacate(chain.clusters, guess, clouds) for guess in goes):
             continue
         solved = solve_thing(chain.clusters, clouds, guesses)
         if solved is not None and vacates(solved, clouds) and is_mover(solved, clouds):
@@ -70,7 +71,7 @@ def find_creepers(things: list[SolvedThing], clouds: list[SweepCloud], votes: li
 
 
 def _is_lost_creeping(thing: SolvedThing, sweeps: int) -> bool:
-    """Whether a thing begins or ends amid the clip while it hardly moves: it is likely to stand there before or after."""
+    """Whether a thing begins or ends amid the clip while it hardly moves: it stood before, or stands then."""
     first, last = thing.trajectory.velocities_at(np.array([thing.trajectory.start, thing.trajectory.end - 1e-6]))
     is_late = thing.sweeps[0] > MISSED and np.linalg.norm(first) < CREEP
     is_early = thing.sweeps[-1] < sweeps - 1 - MISSED and np.linalg.norm(last) < CREEP
@@ -98,7 +99,7 @@ def _find_vehicles(cloud: SweepCloud, votes: Votes, sweep: int, rows: Int64[ndar
     place = np.full(len(cloud.points), -1)
     place[rows[chosen]] = np.arange(len(chosen))
     numbers = np.empty(len(chosen), np.int64)
-    parts = cluster_rows(cloud, rows[chosen])
+    parts = cluster_cloud(cloud, rows[chosen])
     for number, part in enumerate(parts):
         numbers[place[part]] = number
     owner = numbers[cell]

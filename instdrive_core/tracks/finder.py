@@ -12,7 +12,7 @@ from instdrive_core.scene.track import Track
 from instdrive_core.tracks.candidates import find_candidates
 from instdrive_core.tracks.creepers import find_creepers
 from instdrive_core.tracks.fragments import merge_fragments
-from instdrive_core.tracks.interpenetration import resolve_overlaps
+from instdrive_core.tracks.interpenetration import drop_swapped, resolve_overlaps
 from instdrive_core.tracks.linking import link_sightings, without_slivers
 from instdrive_core.tracks.motion_tests import may_move
 from instdrive_core.tracks.range_images import Votes, count_votes
@@ -89,4 +89,4 @@ def find_things(
     on_stage("following on")
     again = drop_covered([solve_again(thing, clouds, votes) for thing in whole], clouds)
     joined = [thing for thing in merge_fragments(again, clouds, votes) if is_mover(thing, clouds)]
-    return resolve_overlaps(joined, clouds, votes)
+    return drop_swapped(resolve_overlaps(joined, clouds, votes), clouds)

@@ -1,4 +1,5 @@
-"""No two things are in one place: of boxes that stand in each other step after step, one is a piece of the other."""
+"""No two things are in one place: of boxes that stand in each other step after step, one is a piece of the other, and
+what lies in one and later in another was followed wrongly."""
 
 from __future__ import annotations
 
@@ -7,16 +8,21 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.tracks.boxes import TrackBox
+from instdrive_core.tracks.candidates import Cluster
 from instdrive_core.tracks.fragments import into_frame, join
 from instdrive_core.tracks.range_images import Votes
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
+from instdrive_core.tracks.trajectory import SPACING
 
 INSIDE, OFTEN = 0.2, 0.5
 """Share of the smaller box's area that lies in the other, and share of their common sweeps, from which on two things
 are one: lengths that were guessed overlap less."""
 SHARED = 3
 """Sweeps that show both at least."""
+OWNED, EDGE = 0.6, 0.2
+"""Share of a cluster's points that lie in another thing's box, grown by so many metres, if they are of that thing, and
+share of a thing's sweeps from which on none of it is its own."""
 GRID = 8
 """Places along either side of a box by which its area is compared."""
 
@@ -34,6 +40,38 @@ def resolve_overlaps(things: list[SolvedThing], clouds: list[SweepCloud], votes:
         if whole is not None:
             kept[within] = whole
     return kept
+
+
+def drop_swapped(things: list[SolvedThing], clouds: list[SweepCloud]) -> list[SolvedThing]:
+    """The things without those that were followed from one of the others to the next: in some sweeps their points lie
+    in the one's box, in later ones in the next one's."""
+    boxes = [thing.box(clouds) for thing in things]
+    return [thing for number, thing in enumerate(things) if not _is_swapped(number, things, boxes)]
+
+
+def _is_swapped(number: int, things: list[SolvedThing], boxes: list[TrackBox]) -> bool:
+    clusters = things[number].clusters
+    owned: dict[int, int] = {}
+    for one in clusters:
+        shares = [
+            0.0 if other == number else _share_inside(one, thing, box)
+            for other, (thing, box) in enumerate(zip(things, boxes, strict=True))
+        ]
+        owner = int(np.argmax(shares))
+        if shares[owner] > OWNED:
+            owned[owner] = owned.get(owner, 0) + 1
+    lasting = [count for count in owned.values() if count >= SHARED]
+    return len(lasting) >= 2 and sum(lasting) > OWNED * len(clusters)
+
+
+def _share_inside(cluster: Cluster, thing: SolvedThing, box: TrackBox) -> float:
+    """Share of a cluster's points that lie in a thing's box, 0 where that is not followed."""
+    if not thing.trajectory.start - SPACING <= cluster.time <= thing.trajectory.end + SPACING:
+        return 0.0
+    pose = thing.trajectory.poses_at(np.array([cluster.time]))
+    local = into_frame(np.repeat(pose, len(cluster.points), axis=0), cluster.points[:, :2].astype(float))
+    half = np.array([box.length, box.width]) / 2 + EDGE
+    return float(np.mean(np.all(np.abs(local - box.center) <= half, axis=1)))
 
 
 def stand_in_each_other(first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud]) -> bool:

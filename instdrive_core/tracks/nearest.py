@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, Int64
 from numba import njit
 from numpy import ndarray
 
@@ -16,6 +16,12 @@ def sample_evenly(points: Float32[ndarray, "n 3"], limit: int) -> Float32[ndarra
     if len(points) <= limit:
         return np.ascontiguousarray(points, np.float32)
     return np.ascontiguousarray(points[(np.arange(limit) * len(points)) // limit], np.float32)
+
+
+def sample_rows(rows: Int64[ndarray, " n"], limit: int) -> Int64[ndarray, " m"]:
+    """At most `limit` of the rows, evenly through them."""
+    count = min(limit, len(rows))
+    return rows[(np.arange(count) * len(rows)) // max(count, 1)]
 
 
 @njit(cache=True, fastmath=True)

@@ -9,7 +9,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from instdrive_core.tracks.nearest import sample_evenly
+from instdrive_core.tracks.nearest import sample_evenly, sample_rows
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
 MIN_POINTS = 3
@@ -52,7 +52,7 @@ def observe(cloud: SweepCloud, rows: ndarray, sweep: int) -> list[Observation]:
         if len(own) < MIN_POINTS:
             continue
         time = float(cloud.times[own].mean())
-        chosen = own[(np.arange(min(LIMIT, len(own))) * len(own)) // min(LIMIT, len(own))]
+        chosen = sample_rows(own, LIMIT)
         points = np.ascontiguousarray(cloud.points[chosen])
         normals = surface_normals(points, sample_evenly(cloud.points[own], 4 * LIMIT))
         lags = (cloud.times[chosen] - time).astype(np.float32)

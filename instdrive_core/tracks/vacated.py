@@ -8,14 +8,16 @@ to move, too, but nobody ever looks through a place that it is said to have left
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
+from instdrive_core.tracks.candidates import Cluster
 from instdrive_core.tracks.motion_tests import carry
-from instdrive_core.tracks.nearest import sample_evenly
-from instdrive_core.tracks.seen_places import MET, SEEN_THROUGH, UNSEEN, look_at
+from instdrive_core.tracks.nearest import sample_rows
+from instdrive_core.tracks.seen_places import MET, SEEN_THROUGH, UNSEEN, ask_sweep
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
+from instdrive_core.tracks.trajectory import Trajectory
 
 APART = 0.5
 """Metres of travel between two sweeps that are compared."""
@@ -30,20 +32,31 @@ to is at most so much of it."""
 
 def vacates(thing: SolvedThing, clouds: list[SweepCloud]) -> bool:
     """Whether a solved thing's motion is proved by the places it left."""
-    answers = _compare(thing, clouds)
+    left, missing, meets_more = _judge(thing.clusters, thing.trajectory, clouds)
+    return left >= VACATED and missing <= CONTRADICTED * left and meets_more
+
+
+def may_vacate(clusters: list[Cluster], guess: Trajectory, clouds: list[SweepCloud]) -> bool:
+    """Whether clusters may be proved to move as a first guess says: somebody looks through where they were. Half of what
+    proves it is enough, as guesses are rough."""
+    return _judge(clusters, guess, clouds)[0] >= VACATED / 2
+
+
+def _judge(clusters: list[Cluster], trajectory: Trajectory, clouds: list[SweepCloud]) -> tuple[float, float, bool]:
+    """Shares of places that are seen through where the clusters would stand and where they should have moved to, and
+    whether more are met if they move; 0, 0 where too few are within sight."""
+    answers = _compare(clusters, trajectory, clouds)
     stands, moves = answers[:, 0], answers[:, 1]
     seen = (stands != UNSEEN) & (moves != UNSEEN)
     if seen.sum() < MIN_SEEN:
-        return False
-    left = float(np.mean(stands[seen] == SEEN_THROUGH))
-    missing = float(np.mean(moves[seen] == SEEN_THROUGH))
-    meets_more = np.count_nonzero(moves[seen] == MET) > np.count_nonzero(stands[seen] == MET)
-    return left >= VACATED and missing <= CONTRADICTED * left and bool(meets_more)
+        return 0.0, 0.0, False
+    left, missing = (float(np.mean(one[seen] == SEEN_THROUGH)) for one in (stands, moves))
+    return left, missing, bool(np.count_nonzero(moves[seen] == MET) > np.count_nonzero(stands[seen] == MET))
 
 
-def _compare(thing: SolvedThing, clouds: list[SweepCloud]) -> ndarray:
-    """What sweeps say of the thing's points of other sweeps, left where they were met and carried along: [p, 2]."""
-    poses = thing.trajectory.poses_at(np.array([one.time for one in thing.clusters]))
+def _compare(clusters: list[Cluster], trajectory: Trajectory, clouds: list[SweepCloud]) -> UInt8[ndarray, "p 2"]:
+    """What sweeps say of the points of other sweeps, left where they were met and carried along."""
+    poses = trajectory.poses_at(np.array([one.time for one in clusters]))
     apart = np.linalg.norm(poses[:, None, :2] - poses[None, :, :2], axis=2)
     first, second = np.nonzero(apart >= APART)
     # The nearer in time the better: things turn other sides to the sensor on their way.
@@ -51,13 +64,12 @@ def _compare(thing: SolvedThing, clouds: list[SweepCloud]) -> ndarray:
     chosen = order[:: max(1, -(-len(order) // COMPARED))]
     found = [np.zeros((0, 2), np.uint8)]
     for here, there in zip(first[chosen].tolist(), second[chosen].tolist(), strict=True):
-        cluster = thing.clusters[here]
-        cloud = clouds[cluster.sweep]
-        rows = cluster.rows[(np.arange(min(SAMPLE, len(cluster.rows))) * len(cluster.rows)) // min(SAMPLE, len(cluster.rows))]
+        cloud = clouds[clusters[here].sweep]
+        rows = sample_rows(clusters[here].rows, SAMPLE)
         stands = cloud.points[rows]
         moves = carry(stands, poses[here, :2], poses[here, 2], poses[there, :2], poses[there, 2])
-        for image in clouds[thing.clusters[there].sweep].images:
-            answers = [look_at(_in_world(points, cloud.heights[rows]), image) for points in (stands, moves)]
+        for image in clouds[clusters[there].sweep].images:
+            answers = [ask_sweep(_in_world(points, cloud.heights[rows]), image) for points in (stands, moves)]
             found.append(np.column_stack(answers))
     return np.concatenate(found)
 
