@@ -37,8 +37,10 @@ def vacates(thing: SolvedThing, clouds: list[SweepCloud]) -> bool:
 
 
 def may_vacate(clusters: list[Cluster], guess: Trajectory, clouds: list[SweepCloud]) -> bool:
-    """Whether clusters may be proved to move as a first guess says: somebody looks through where they were. Half of what
-    proves it is enough, as guesses are rough."""
+    """Whether clusters may be proved to move as a first guess says: somebody looks through where they were.
+
+    Half of what proves it is enough, as guesses are rough.
+    """
     return _judge(clusters, guess, clouds)[0] >= VACATED / 2
 
 
