@@ -51,6 +51,22 @@ settings.register_profile("search", UNHURRIED, derandomize=False)  # pytest --hy
 settings.load_profile("same every time")
 
 
+FIRST = ("test_plain_install.py", "app/window", "training", "baselines", "benchmarks", "app", "jobs", "tracks", "masks")
+FIRST += ("datasets", "test_examples.py")
+"""Files, and rooms with files, of more than ten seconds. The very first needs no kernel of those that the first window
+compiles beside it."""
+
+
+def pytest_collection_modifyitems(items):
+    """Short files come last, so that all workers end together. Tests of a file stay together."""
+
+    def rank(item):
+        path = item.path.relative_to(ROOT / "tests")
+        return next((place for place, name in enumerate(FIRST) if path.is_relative_to(name)), len(FIRST))
+
+    items.sort(key=rank)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport():
     """What a test has logged and printed goes from worker to master as text: half characters in it end the worker."""
