@@ -1,6 +1,7 @@
 """What holds for all tests: beartype checks the types and shapes of every call outside Numba's kernels, neither speed
 nor chance decides what fails, and workers that run beside each other keep out of each other's way."""
 
+import gc
 import os
 import re
 import sys
@@ -55,6 +56,18 @@ FIRST = ("test_plain_install.py", "app/window", "training", "baselines", "benchm
 FIRST += ("datasets", "test_examples.py")
 """Files, and rooms with files, of more than ten seconds. The very first needs no kernel of those that the first window
 compiles beside it."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is collected stays to the end: no search for garbage looks at it, neither now nor later."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items):
