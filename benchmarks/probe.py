@@ -133,12 +133,15 @@ def _covering_splats() -> Float[ndarray, " k"]:
 def _blend_rounds(splats, rounds, constants, sums):
     for thread in numba.prange(len(sums)):
         staged = allocate_aligned_zeros(len(splats))
-        staged[:] = splats
+        for k in range(len(splats)):
+            staged[k] = splats[k]
         tile = allocate_aligned_zeros(sums.shape[1])
-        tile[-TILE:] = np.arange(TILE)
+        for k in range(TILE):
+            tile[len(tile) - TILE + k] = k
         for _ in range(rounds):
             _blend_tile(tile, staged, np.uint64(len(splats)), constants)
-        sums[thread] = tile
+        for k in range(len(tile)):
+            sums[thread, k] = tile[k]
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)

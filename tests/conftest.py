@@ -1,6 +1,7 @@
 """What holds for all tests: beartype checks the types and shapes of every call outside Numba's kernels, neither speed
 nor chance decides what fails, and workers that run beside each other keep out of each other's way."""
 
+import gc
 import os
 import re
 import sys
@@ -49,6 +50,34 @@ UNHURRIED = settings(
 settings.register_profile("same every time", UNHURRIED, derandomize=True)
 settings.register_profile("search", UNHURRIED, derandomize=False)  # pytest --hypothesis-profile=search
 settings.load_profile("same every time")
+
+
+FIRST = ("test_plain_install.py", "app/window", "training", "baselines", "benchmarks", "app", "jobs", "tracks", "masks")
+FIRST += ("datasets", "test_examples.py")
+"""Files, and rooms with files, of more than ten seconds. The very first needs no kernel of those that the first window
+compiles beside it."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is collected stays to the end: no search for garbage looks at it, neither now nor later."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
+
+
+def pytest_collection_modifyitems(items):
+    """Short files come last, so that all workers end together. Tests of a file stay together."""
+
+    def rank(item):
+        path = item.path.relative_to(ROOT / "tests")
+        return next((place for place, name in enumerate(FIRST) if path.is_relative_to(name)), len(FIRST))
+
+    items.sort(key=rank)
 
 
 @pytest.hookimpl(wrapper=True)

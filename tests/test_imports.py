@@ -14,6 +14,22 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 MOST_ARROWS = {"instdrive_core.edits": 20, "instdrive_core.training": 55}
 """Upper bounds for the pairs of children of a room of which one imports the other."""
+WITHOUT_TORCH = (
+    "instdrive_core.formats.registry",
+    "instdrive_core.edits.serialize",
+    "instdrive_core.edits.queries.bake",
+    "instdrive_core.rasterize.scene_view",
+    "instdrive_core.project.open",
+    "instdrive_core.project.recovery",
+    "instdrive_core.masks.sam.labels",
+    "instdrive_core.cli.apply",
+    "instdrive_core.cli.render",
+    "instdrive_core.cli.info",
+    "instdrive_core.cli.objects",
+    "instdrive_core.cli.id_masks",
+    "instdrive_app.cli.edit",
+)
+"""What opening, editing and drawing import. In this order: the app comes last, as it may load what draws."""
 DRAWING_MODULES = {"moderngl", "OpenGL", "glfw", "imgui_bundle"}
 
 
@@ -51,12 +67,15 @@ def arrows_between_children(graph, room):
     return sorted((importer, imported) for importer, imported in pairs if imported and importer != imported)
 
 
+def run_fresh(code):
+    """What a fresh interpreter prints."""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+
+
 def modules_after(code):
     """Top-level names of what a fresh interpreter has loaded after `code`."""
-    result = subprocess.run(
-        [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"], capture_output=True, text=True, check=True
-    )
-    return {name.split(".")[0] for name in result.stdout.splitlines()[-1].split()}
+    last = run_fresh(f"{code}\nimport sys; print(*sys.modules)").splitlines()[-1]
+    return {name.split(".")[0] for name in last.split()}
 
 
 def test_contracts_of_rooms_hold():
@@ -88,29 +107,20 @@ def test_benchmarks_are_imported_by_their_own_tests_only():
     assert {path.parent for path in files} == {ROOT / "tests" / "benchmarks"}
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        "instdrive_core.formats.registry",
-        "instdrive_core.edits.serialize",
-        "instdrive_core.edits.queries.bake",
-        "instdrive_core.rasterize.scene_view",
-        "instdrive_core.project.open",
-        "instdrive_core.project.recovery",
-        "instdrive_core.masks.sam.labels",
-        "instdrive_core.cli.apply",
-        "instdrive_core.cli.render",
-        "instdrive_core.cli.info",
-        "instdrive_core.cli.objects",
-        "instdrive_core.cli.id_masks",
-        "instdrive_app.cli.edit",
-    ],
-)
-def test_opening_editing_and_drawing_never_load_torch(module):
-    loaded = modules_after(f"import {module}")
-    assert not loaded & {"torch", "cv2", "embreex", "pandas", "pycocotools", "skimage"}
+@pytest.fixture(scope="module")
+def loaded():
+    """Top-level names that are loaded after each of `WITHOUT_TORCH`, all imported by one process."""
+    names = "print(*{name.split('.')[0] for name in sys.modules})"
+    code = "import sys\n" + "\n".join(f"import {module}; {names}" for module in WITHOUT_TORCH)
+    lines = run_fresh(code).splitlines()
+    return {module: set(line.split()) for module, line in zip(WITHOUT_TORCH, lines, strict=True)}
+
+
+@pytest.mark.parametrize("module", WITHOUT_TORCH)
+def test_opening_editing_and_drawing_never_load_torch(loaded, module):
+    assert not loaded[module] & {"torch", "cv2", "embreex", "pandas", "pycocotools", "skimage"}
     if module.startswith("instdrive_core"):
-        assert not loaded & DRAWING_MODULES
+        assert not loaded[module] & DRAWING_MODULES
 
 
 def test_help_loads_neither_numpy_nor_a_command():

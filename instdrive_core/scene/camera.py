@@ -71,10 +71,13 @@ class Camera:
     def project(self, points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "n 2"], Float64[ndarray, " n"]]:
         """Project world points to pixel coordinates and depths (z, metres); pixels of points at z ≤ 0 mean nothing."""
         matrix = self.camera_from_world
-        local = points @ matrix[:3, :3].T + matrix[:3, 3]
-        depth = local[:, 2]
+        local = points @ matrix[:3, :3].T
+        depth = local[:, 2] + matrix[2, 3]
         safe = np.where(np.abs(depth) > 1e-9, depth, 1e-9)
-        pixels = local[:, :2] / safe[:, None] * [self.fx, self.fy] + [self.cx, self.cy]
+        pixels = np.empty((len(points), 2))
+        # A column at a time: NumPy walks rows of two or three numbers slowly.
+        for column, (focal, center) in enumerate(((self.fx, self.cx), (self.fy, self.cy))):
+            pixels[:, column] = (local[:, column] + matrix[column, 3]) / safe * focal + center
         return pixels, depth
 
     def compute_ray_directions(self) -> Float64[ndarray, "h w 3"]:

@@ -49,7 +49,7 @@ def _find_pairs(indices, rows, bounds, size):
             entries[count], owners[count] = indices[rows[first]], part
             count += 1
             continue
-        entries[begin:count] = np.sort(entries[begin:count])
+        entries[begin:count].sort()
         for pair in range(begin, count):
             pair_of[entries[pair]] = pair
         for k in range(first, last):

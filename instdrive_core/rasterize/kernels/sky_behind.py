@@ -152,7 +152,9 @@ def _add_sky_to_row(texels, resolution, matrix, row, alpha, image):
 @numba.njit(parallel=True, nogil=True, error_model="numpy", cache=True)
 def _over_sky(texels, resolution, matrix, alpha, image, result):
     for row in numba.prange(len(alpha)):
-        result[row] = image[row]
+        for column in range(alpha.shape[1]):  # assigning whole rows takes three seconds more to compile
+            for c in range(3):
+                result[row, column, c] = image[row, column, c]
         _add_sky_to_row(texels, resolution, matrix, row, alpha[row], result[row])
 
 
