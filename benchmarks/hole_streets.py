@@ -59,7 +59,7 @@ def list_uncovered(scene: Scene, street: Street, car: int, views: Sequence[Camer
         pose = view.camera.world_from_camera.copy()
         pose[:3, 3] += scene.origin
         camera = replace(view.camera, world_from_camera=inverse @ pose)
-        full, free = (_photograph(each, camera, view.time, street.light) for each in (street, without))
+        full, free = (photograph(each, camera, view.time, street.light) for each in (street, without))
         hidden = full[1] == street.actor_id(car)
         behind = classes[np.where(free[1] < len(classes), free[1], 0)]
         ground = np.isin(behind, GROUND)
@@ -70,7 +70,7 @@ def list_uncovered(scene: Scene, street: Street, car: int, views: Sequence[Camer
             yield Uncovered(view, free[0].astype(np.float32) / 255, parts)
 
 
-def _photograph(
+def photograph(
     street: Street, camera: Camera, time: float, light: Light
 ) -> tuple[UInt8[ndarray, "h w 3"], Int32[ndarray, "h w"]]:
     photo = StepRenderer(street.geometry(time), street.materials, light).photograph(camera)

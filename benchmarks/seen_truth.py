@@ -37,7 +37,9 @@ def find_seen_pixels(
     points, owners, places = [], [], []
     for number, (view, asked) in enumerate(zip(views, changed, strict=True)):
         rows, columns = np.nonzero(asked[::_STRIDE, ::_STRIDE])
-        found, ids = _hit(edited, place_camera(street, clip, view.camera), view.time, rows * _STRIDE, columns * _STRIDE)
+        found, ids = hit_pixels(
+            edited, place_camera(street, clip, view.camera), view.time, rows * _STRIDE, columns * _STRIDE
+        )
         owner = np.array([numbers.get(one, -1) for one in ids.tolist()], np.int64)
         for actor in set(owner[owner >= 0].tolist()):
             inverse = np.linalg.inv(edited.box_pose(edited.actors[actor], view.time))
@@ -74,7 +76,7 @@ def place_camera(street: Street, clip: Clip, camera: Camera) -> Camera:
     return replace(camera, world_from_camera=np.linalg.inv(street.world_from_street()) @ pose)
 
 
-def _hit(
+def hit_pixels(
     street: Street, camera: Camera, time: float, rows: Int64[ndarray, " n"], columns: Int64[ndarray, " n"]
 ) -> tuple[Float64[ndarray, "n 3"], Int64[ndarray, " n"]]:
     """What the middles of pixels show: points in the street's frame, and their instances; 0 for the sky."""

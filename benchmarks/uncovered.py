@@ -61,7 +61,7 @@ def measure_errors(scene: Scene, photos: Iterable[Uncovered]) -> dict[str, Error
             if inside.sum() >= LEAST:
                 errors = found.setdefault(name, Errors())
                 errors.squared.append(float((difference[inside] ** 2).mean()))
-                errors.blurred.append(float(np.abs(_blur_inside(difference, inside)[inside]).mean()))
+                errors.blurred.append(float(np.abs(blur_inside(difference, inside)[inside]).mean()))
                 errors.pixels.append(int(inside.sum()))
     return found
 
@@ -87,7 +87,7 @@ def _take_median(values: list[float], digits: int) -> float | None:
     return round(float(np.median(values)), digits) if values else None
 
 
-def _blur_inside(difference: Float32[ndarray, "h w 3"], inside: Bool[ndarray, "h w"]) -> Float32[ndarray, "h w 3"]:
+def blur_inside(difference: Float32[ndarray, "h w 3"], inside: Bool[ndarray, "h w"]) -> Float32[ndarray, "h w 3"]:
     weight = gaussian_filter(inside.astype(np.float32), BLUR)
     parts = [gaussian_filter(difference[..., c] * inside, BLUR) / np.maximum(weight, 1e-6) for c in range(3)]
     return np.stack(parts, axis=-1)

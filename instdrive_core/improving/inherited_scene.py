@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
+from instdrive_core.instances.shadows import find_marked_shadows
 from instdrive_core.instances.table import InstanceTable, build_instance_table
 from instdrive_core.rasterize.sky_evidence import fill_scene_sky
 from instdrive_core.scene.camera import CameraView
@@ -40,19 +41,21 @@ def export_improved_scene(
     parents = lineage.ancestors[order]
     trained = model.gaussians().select(order)
     ids, nodes = base.instance_ids[parents], base.nodes[parents]
+    extra = {name: column[parents] for name, column in base.extra.items()}
+    counted = build_instance_table(ids, trained.means, None, nodes, shadows=find_marked_shadows(extra))
     scene = Scene(
         gaussians=replace(trained, features=base.gaussians.features[parents]),
         instance_ids=ids,
         codewords=base.codewords[parents],
         nodes=nodes,
-        table=_count_again(base.table, build_instance_table(ids, trained.means, None, nodes)),
+        table=_count_again(base.table, counted),
         actors=model.tracks(),
         sky=Sky(model.shared["sky"].detach().cpu().numpy().clip(0, 1)),
         views=views,
         origin=base.origin,
         exposures=exposures,
         code_bits=base.code_bits,
-        extra={name: column[parents] for name, column in base.extra.items()},
+        extra=extra,
         seen_movers=base.seen_movers,
     )
     return replace(scene, sky=fill_scene_sky(scene))

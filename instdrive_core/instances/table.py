@@ -82,9 +82,13 @@ def build_instance_table(
     nodes: UInt16[ndarray, "n"] | None = None,
     names: dict[int, str] | None = None,
     classes: dict[int, str] | None = None,
+    shadows: Bool[ndarray, "n"] | None = None,
 ) -> InstanceTable:
-    """Count and bound every ID above 0. Codeword and node are the most frequent ones of the ID's Gaussians (the lowest
-    of equals)."""
+    """Count and bound every ID above 0.
+
+    Codeword and node are the most frequent ones of the ID's Gaussians (the lowest of equals). Its `shadows` lie outside
+    of its bounds.
+    """
     narrow = np.min_scalar_type(int(instance_ids.max(initial=0)))  # two bytes are sorted by digits, ten times as fast
     narrowed = instance_ids.astype(narrow)
     order = np.argsort(narrowed, kind="stable")
@@ -96,6 +100,8 @@ def build_instance_table(
         if instance_id == 0:
             continue
         rows, node = order[start : start + count], node_of.get(instance_id, 0)
+        own = rows if nodes is None else rows[nodes[rows] == node]
+        body = own if shadows is None else own[~shadows[own]]
         table.set(
             Instance(
                 id=instance_id,
@@ -104,7 +110,7 @@ def build_instance_table(
                 codeword=common.get(instance_id, 0),
                 count=count,
                 class_name=(classes or {}).get(instance_id, ""),
-                bounds=compute_middle_bounds(means[rows if nodes is None else rows[nodes[rows] == node]]),
+                bounds=compute_middle_bounds(means[body if len(body) else own]),
             )
         )
     return table

@@ -12,6 +12,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.document.synthetic_rows import LEARNED_SHADOW, SYNTHETIC
 from instdrive_core.edits.queries.part_bounds import compute_part_bounds, find_main_nodes_of_parts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.colormap import ID_LIMIT
@@ -98,6 +99,9 @@ def recount_instances(document: Document, ids: Iterable[int]) -> None:
     counted = left
     if document.scene.actors:
         counted = left.filter(document.scene.nodes[left.rows] == np.repeat(nodes, left.sizes))
+    if SYNTHETIC in document.scene.extra:
+        bodies = counted.filter(document.scene.extra[SYNTHETIC][counted.rows] != LEARNED_SHADOW)
+        counted = bodies if bodies.sizes.all() else counted
     bounds = compute_part_bounds(document, counted).tolist()
     facts = zip(known, nodes.tolist(), left.sizes.tolist(), bounds, strict=True)
     for instance_id, node, count, (low, high) in facts:

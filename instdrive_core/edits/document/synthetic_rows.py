@@ -1,4 +1,4 @@
-"""Splats that no photo was the reason for: the column that marks them."""
+"""Splats that are no surface photos showed, by the column that marks them."""
 
 from __future__ import annotations
 
@@ -7,22 +7,24 @@ from jaxtyping import Bool, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.instances.shadows import LEARNED_SHADOW, MIRRORED, SHADOW, SYNTHETIC
+from instdrive_core.scene.scene import Scene
 
-SYNTHETIC = "synthetic"
-"""Name of the per-splat column that is above 0 for splats no photo was the reason for: 1 for those that fill holes,
-`SHADOW` for shadows, `MIRRORED` for sides that were mirrored. Also the class of what fills holes."""
-SHADOW = 2
-"""Value of that column for the splats of a shadow that was laid below a thing."""
-MIRRORED = 3
-"""Value of that column for the splats of a side that nobody saw, mirrored from the other one."""
+__all__ = ["LEARNED_SHADOW", "MIRRORED", "SHADOW", "SYNTHETIC", "drop_shadows", "find_learned", "find_shadow"]
 
 
 def find_shadow(document: Document, rows: Int64[ndarray, " n"]) -> Bool[ndarray, " n"]:
-    """Find which rows are of shadows that were laid."""
+    """Find which rows are of shadows, whether they were laid or learned."""
     column = document.scene.extra.get(SYNTHETIC)
-    return np.zeros(len(rows), bool) if column is None else column[rows] == SHADOW
+    return np.zeros(len(rows), bool) if column is None else np.isin(column[rows], (SHADOW, LEARNED_SHADOW))
 
 
 def drop_shadows(document: Document, rows: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:
-    """Drop the rows of shadows that were laid."""
+    """Drop the rows of shadows, whether they were laid or learned."""
     return rows if SYNTHETIC not in document.scene.extra else rows[~find_shadow(document, rows)]
+
+
+def find_learned(scene: Scene) -> Bool[ndarray, " n"]:
+    """Find which splats photos were the reason for: all that no edit has made."""
+    column = scene.extra.get(SYNTHETIC)
+    return np.ones(len(scene), bool) if column is None else (column == 0) | (column == LEARNED_SHADOW)

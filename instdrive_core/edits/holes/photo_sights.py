@@ -15,7 +15,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
+from instdrive_core.edits.document.synthetic_rows import SYNTHETIC, find_learned
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_weights, weigh_projected
 from instdrive_core.rasterize.kernels.project import Projection, project
 from instdrive_core.rasterize.kernels.settings import RasterSettings, choose_raster_settings
@@ -69,7 +69,7 @@ class PhotographedSplats:
         self.shown: Bool[ndarray, " n"] = np.ones(len(scene), bool)
         """Rows that photos may show: all but those that were made since, unless the thing is made of them."""
         if SYNTHETIC in scene.extra:
-            self.shown = (scene.extra[SYNTHETIC] == 0) | self.own
+            self.shown = find_learned(scene) | self.own
         self._parts: Float32[ndarray, "n 2"] = np.stack([self.own, self.own | _mark(len(scene), kept)], 1).astype(
             np.float32
         )

@@ -9,6 +9,7 @@ from jaxtyping import Int
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.instances.shadows import find_marked_shadows
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.sh_rotation import rotate_rest
 from instdrive_core.progress import report
@@ -75,6 +76,7 @@ def recount_table(scene: Scene) -> Scene:
         scene.nodes,
         names={instance.id: instance.name for instance in scene.table},
         classes={instance.id: instance.class_name for instance in scene.table},
+        shadows=find_marked_shadows(scene.extra),
     )
     return replace(scene, table=table)
 

@@ -9,7 +9,7 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
+from instdrive_core.edits.document.synthetic_rows import SYNTHETIC, drop_shadows
 from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject, fit_compact_object
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
@@ -22,6 +22,7 @@ FAR_STRAYS = replace(DEFAULT_CONFIG, stray_share=0.06)
 
 def select_solid_points(document: Document, members: Int64[ndarray, " m"]) -> Float64[ndarray, "k 3"]:
     """Means of the rows that are opaque enough to span a hull, metres, in the frame of their node."""
+    members = drop_shadows(document, members)
     solid = members[sigmoid(document.scene.gaussians.opacity_logits[members]) >= DEFAULT_CONFIG.min_opacity]
     return document.compute_means(solid).astype(np.float64)
 

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
+from instdrive_core.edits.document.synthetic_rows import find_learned
 from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings
@@ -86,9 +86,7 @@ def ask_photos(document: Document, number: int, rows: Int64[ndarray, " k"]) -> P
     points = scene.gaussians.means[rows].astype(np.float64)
     tracks = tuple(document.get_first_track(place + 1) for place in range(len(scene.actors)))
     photographed = replace(scene, actors=tracks)
-    trained = np.ones(len(scene), bool)
-    if SYNTHETIC in scene.extra:
-        trained &= scene.extra[SYNTHETIC] == 0
+    trained = find_learned(scene)
     own = scene.instance_ids == number
     looks = []
     for view, camera in _choose_views(photographed, points, node):

@@ -24,6 +24,7 @@ from instdrive_core.training.gaussians.first_points import (
     gather_first_points,
     subsample,
 )
+from instdrive_core.training.gaussians.first_shadows import make_first_shadow
 from instdrive_core.training.gaussians.points_without_lidar import gather_points_without_lidar
 from instdrive_core.training.gaussians.voxel_thinning import thin_by_voxels
 from instdrive_core.training.settings.config import InitConfig
@@ -94,8 +95,9 @@ def build_initial_scene(
             continue
         on_track = subsample(on_track, config.actor_points, rng)
         actors.append(track)
-        parts.append(_gaussians_from_points(on_track, None, config.opacity, sh_degree))
-        nodes.append(np.full(len(on_track), len(actors), np.uint16))
+        shadow = make_first_shadow(track, sh_degree)
+        parts += [_gaussians_from_points(on_track, None, config.opacity, sh_degree), shadow]
+        nodes.append(np.full(len(on_track) + len(shadow), len(actors), np.uint16))
     return InitialScene(concatenate_gaussians(parts), np.concatenate(nodes), tuple(actors))
 
 

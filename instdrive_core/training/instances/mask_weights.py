@@ -7,7 +7,7 @@ from math import sqrt
 
 import numba
 import numpy as np
-from jaxtyping import Float32, Int32, Int64, Integer, UInt16
+from jaxtyping import Bool, Float32, Int32, Int64, Integer, UInt16
 from numpy import ndarray
 from scipy.sparse import csr_array
 
@@ -49,6 +49,13 @@ class MaskWeights:
         """Select the given Gaussians."""
         unmasked = None if self.unmasked is None else self.unmasked[rows]
         return MaskWeights(self.weights[rows], self.view_of_mask, self.layers, unmasked)
+
+    def silence(self, rows: Bool[ndarray, " n"]) -> MaskWeights:
+        """Give some Gaussians no weight, so that no mask is named after what they show."""
+        data = np.where(np.repeat(rows, np.diff(self.weights.indptr)), np.float32(0), self.weights.data)
+        matrix = csr_array((data, self.weights.indices, self.weights.indptr), self.weights.shape)
+        unmasked = None if self.unmasked is None else np.where(rows, np.float32(0), self.unmasked)
+        return MaskWeights(matrix, self.view_of_mask, self.layers, unmasked)
 
     def sum_weights(self) -> Float32[ndarray, " n"]:
         """Sum the weight of each Gaussian over all masks."""

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from instdrive_core.masks.label_map_folder import MAX_LAYERS
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights
+from instdrive_core.training.gaussians.first_shadows import find_model_shadows
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.instance_learner import LearnedInstances
 from instdrive_core.training.instances.mask_weights import look_at_grid
@@ -31,7 +32,8 @@ TAG_CHANNELS = 3
 class ObjectTags:
     """Tags of one step: those of the Gaussians, and those that a view's pixels should show. Tensors on one device."""
 
-    of_gaussians: Float[Tensor, "n t"]
+    of_gaussians: Float[Tensor, "n c"]
+    """Tags, then 1 for shadows of moving objects, whose tags are 0, and 0 for all others: c = t + 1."""
     wanted: Float[Tensor, "h w t"]
     known: Bool[Tensor, "h w"]
     """Pixels in masks that teach edges."""
@@ -51,6 +53,8 @@ class NamedMasks:
     """Object with the largest IoU in the photo, by blending weight."""
     fits: Float32[ndarray, " m"]
     """That IoU."""
+    shadows: Bool[ndarray, " n"]
+    """The Gaussians that are shadows of moving objects."""
 
     def find_owners(
         self, number: int, layers: Sequence[UInt16[ndarray, "h w"]], min_fit: float
@@ -79,7 +83,10 @@ class NamedMasks:
         rng: np.random.Generator,
         device: torch.device,
     ) -> ObjectTags | None:
-        """Draw random tags for one step on a view, None where no mask of it fits its object well enough."""
+        """Draw random tags for one step on a view, None where no mask of it fits its object well enough.
+
+        Shadows of moving objects have none: a mask shows what they fall on.
+        """
         if not layers:
             return None
         owners = self.find_owners(number, layers, min_fit)
@@ -88,7 +95,8 @@ class NamedMasks:
             return None
         count = int(self.objects.max(initial=0)) + 1
         tags = (2 * rng.integers(0, 2, (count, TAG_CHANNELS)) - 1).astype(np.float32)
-        arrays = tags[self.objects], tags[owners], known
+        shadow = self.shadows.astype(np.float32)[:, None]
+        arrays = np.hstack([tags[self.objects] * (1 - shadow), shadow]), tags[owners], known
         return ObjectTags(*(torch.from_numpy(array).to(device) for array in arrays))
 
     def to_tensors(self) -> dict[str, Tensor]:
@@ -98,7 +106,9 @@ class NamedMasks:
     @staticmethod
     def from_tensors(tensors: dict[str, Tensor]) -> NamedMasks:
         """Read what `to_tensors` wrote."""
-        return NamedMasks(**{name: value.numpy() for name, value in tensors.items()})
+        arrays = {name: value.numpy() for name, value in tensors.items()}
+        none = np.zeros(len(arrays["objects"]), bool)  # of checkpoints that know no shadows
+        return NamedMasks(**{"shadows": none, **arrays})
 
 
 MaskNamer = Callable[[SceneModel, ViewStore], NamedMasks]
@@ -114,6 +124,7 @@ def name_masks(model: SceneModel, store: ViewStore, learned: LearnedInstances, m
         learned: the objects: a codeword each.
         min_alpha: pixels with less opacity are left out.
     """
+    shadows = find_model_shadows(model)
     objects = np.unique(learned.codewords, return_inverse=True)[1].astype(np.int64)
     count = int(objects.max(initial=-1)) + 1
     found: list[tuple[int, Int32[ndarray, " k"], Int64[ndarray, " k"], Float32[ndarray, " k"]]] = []
@@ -124,7 +135,7 @@ def name_masks(model: SceneModel, store: ViewStore, learned: LearnedInstances, m
             continue
         rows, weights, pixels = look_at_grid(model, view, number, min_alpha)
         for layer, labels in enumerate(view.layers):
-            present, sums = _sum_by_mask(weights, objects[rows], labels.ravel()[pixels], count)
+            present, sums = _sum_by_mask(weights, objects[rows], ~shadows[rows], labels.ravel()[pixels], count)
             union = sums.sum(axis=1, keepdims=True) + sums.sum(axis=0, keepdims=True) - sums
             ious = sums / np.maximum(union, 1e-6)
             owners = np.argmax(ious, axis=1)
@@ -137,15 +148,20 @@ def name_masks(model: SceneModel, store: ViewStore, learned: LearnedInstances, m
         np.concatenate([np.zeros(0, np.int32), *(present for _, present, _, _ in found)]),
         np.concatenate([np.zeros(0, np.int64), *(owners for _, _, owners, _ in found)]),
         np.concatenate([np.zeros(0, np.float32), *(fits for _, _, _, fits in found)]),
+        shadows,
     )
 
 
 def _sum_by_mask(
-    weights: BlendWeights, objects: Int64[ndarray, " v"], labels: UInt16[ndarray, " p"], count: int
+    weights: BlendWeights,
+    objects: Int64[ndarray, " v"],
+    solid: Bool[ndarray, " v"],
+    labels: UInt16[ndarray, " p"],
+    count: int,
 ) -> tuple[Int32[ndarray, " k"], ndarray]:
     """Labels of the masks that the pixels lie in, rising, and the weight of each of `count` objects in each."""
     inside = weights.select_pixels(labels > 0)
     present, mask_of_pixel = np.unique(labels[labels > 0], return_inverse=True)
     masks = np.repeat(mask_of_pixel, np.diff(inside.indptr))
-    flat = np.bincount(masks * count + objects[inside.rows], inside.weights, len(present) * count)
+    flat = np.bincount(masks * count + objects[inside.rows], inside.weights * solid[inside.rows], len(present) * count)
     return present.astype(np.int32), flat.reshape(len(present), count)

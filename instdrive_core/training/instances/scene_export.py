@@ -11,6 +11,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.instances.components import split_components
 from instdrive_core.instances.id_assignment import number_by_size
+from instdrive_core.instances.shadows import mark_learned_shadows
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.rasterize.sky_evidence import fill_scene_sky
 from instdrive_core.scene.exposure import Exposures
@@ -18,6 +19,7 @@ from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
 from instdrive_core.training.gaussians.camera_poses import CameraPoses
+from instdrive_core.training.gaussians.first_shadows import find_model_shadows
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.instance_learner import LearnedInstances
 from instdrive_core.training.instances.naming import find_instance_classes, make_display_names
@@ -45,18 +47,20 @@ def export_trained_scene(
         ids = _instance_ids(gaussians, model.nodes, learned, config)
         classes = find_instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in actors])
     names = make_display_names(ids, classes)
+    shadows = find_model_shadows(model)
     scene = Scene(
         gaussians=gaussians,
         instance_ids=ids,
         codewords=codewords,
         nodes=model.nodes,
-        table=build_instance_table(ids, gaussians.means, codewords, model.nodes, names, classes),
+        table=build_instance_table(ids, gaussians.means, codewords, model.nodes, names, classes, shadows),
         actors=actors,
         sky=Sky(model.shared["sky"].detach().cpu().numpy().clip(0, 1)),
         views=cameras.correct_views([frame.view for frame in clip.frames]),
         origin=clip.origin,
         exposures=exposures,
         code_bits=learned.code_bits if learned is not None else 0,
+        extra=mark_learned_shadows(shadows),
     )
     return replace(scene, sky=fill_scene_sky(scene))
 

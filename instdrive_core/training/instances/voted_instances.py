@@ -19,6 +19,7 @@ from instdrive_core.instances.similarity import fill_from_similar
 from instdrive_core.masks.lidar.scene import LidarScene
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.training.gaussians.first_shadows import find_model_shadows
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.affinity_graph import merge_groups
 from instdrive_core.training.instances.ground_mending import mend_ground
@@ -48,6 +49,7 @@ def vote_instances(
     """
     on_note(f"looking at the masks of {sum(photo.has_masks for photo in store.facts)} photos")
     observed = measure_mask_weights(model, store, config.instances.min_alpha)
+    observed = observed.silence(find_model_shadows(model))  # a mask shows what a shadow falls on
     means = model.parameters["means"].detach().numpy()
     masks = len(observed.view_of_mask)
     silence = measure_silence(observed, model.nodes == 0)

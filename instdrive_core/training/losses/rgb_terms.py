@@ -60,11 +60,13 @@ def _fill_masks(step: RgbStep, weight: float) -> Tensor:
 
 def _keep_objects_apart(step: RgbStep, weight: float) -> Tensor:
     """Compare what is blended of the objects' tags with the tag of the one that the pixel's mask shows, as opaque as
-    the pixel is: whatever else shows there has too much weight."""
+    the pixel is: whatever else shows there has too much weight, but for the shadows of moving objects: a mask shows
+    what they fall on."""
     tags, drawn = step.tags, step.rendered.tags
     assert tags is not None
     assert drawn is not None
-    foreign = (drawn - tags.wanted * step.rendered.alpha[..., None]).abs() * tags.known[..., None]
+    shown, shadow = drawn[..., :-1], drawn[..., -1]
+    foreign = (shown - tags.wanted * (step.rendered.alpha - shadow)[..., None]).abs() * tags.known[..., None]
     return weight * foreign.mean()
 
 

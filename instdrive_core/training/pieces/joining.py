@@ -15,6 +15,7 @@ from instdrive_core.instances.codebook import decode_codewords
 from instdrive_core.instances.id_assignment import number_by_size
 from instdrive_core.instances.interiors import fill_from_nearest
 from instdrive_core.instances.separated_codes import generate_separated_codewords
+from instdrive_core.instances.shadows import find_learned_shadows, mark_learned_shadows
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.rasterize.sky_evidence import measure_sky_evidence
 from instdrive_core.scene.camera import CameraView
@@ -147,18 +148,22 @@ def _assemble(clip: Clip, pieces: Sequence[Piece], kept: _Collected, last: Scene
     times = [frame for frame in clip.frames if not frame.view.held_out]
     owned = [frozenset(frame.key for frame in times if frame.view.index in list_owned_steps(piece)) for piece in pieces]
     names = make_display_names(ids, classes)
+    tall = np.array([track.dimensions[2] for track in actors], np.float64)
+    arrays = gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.sh_dc
+    shadows = find_learned_shadows(*arrays, node_of_row, tall)
     return Scene(
         gaussians=replace(gaussians, features=features),
         instance_ids=ids,
         codewords=codewords,
         nodes=node_of_row,
-        table=build_instance_table(ids, gaussians.means, codewords, node_of_row, names, classes),
+        table=build_instance_table(ids, gaussians.means, codewords, node_of_row, names, classes, shadows),
         actors=tuple(actors),
         sky=join_skies(kept.skies),
         views=tuple(frame.view for frame in clip.with_cameras(kept.views).frames),
         origin=clip.origin,
         exposures=join_exposures(kept.exposures, owned),
         code_bits=bits,
+        extra=mark_learned_shadows(shadows),
         antialiased=last is not None and last.antialiased,
     )
 

@@ -1,6 +1,7 @@
 """Shadows that are laid darken the ground below a thing, go where it goes, and vanish with undo."""
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,11 +19,14 @@ from instdrive_core.edits.kinds.light.cast_shadows import find_put, measure_move
 from instdrive_core.edits.kinds.light.lay_shadow import LayShadow, find_shadowed
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
-from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.bake import bake_document, recount_table
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import EditError
+from instdrive_core.instances.shadows import LEARNED_SHADOW
+from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.scene.camera import Camera, look_at
+from instdrive_core.scene.gaussians import concatenate_gaussians
 from instdrive_core.scene.selection import Flag
 
 AWAY = (-3.5, 0.0, 0.0)
@@ -199,3 +203,58 @@ def test_what_leaves_its_way_later_gets_one_and_what_stays_gets_none():
     move = MoveInstances((FIRST_CAR,), (0.1, 0.0, 0.0))
     document.apply(move)
     assert plan_shadows(freeze_document(document), find_put(move), SceneLight(), start) == ()
+
+
+@pytest.fixture
+def passing():
+    """A street whose driving car has learned its shadow."""
+    scene = procedural_street()
+    rows = np.flatnonzero(scene.instance_ids == DRIVING_CAR)
+    shadow = scene.gaussians.select(rows[:60])
+    angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    foot = float(scene.gaussians.means[rows, 2].min())
+    shadow.means[:] = np.c_[3 * np.cos(angles), 4 * np.sin(angles), np.full(60, foot)]
+    shadow.sh_dc[:] = dc_from_color(np.zeros(3))
+    shadow.opacity_logits[:] = -1.0
+    gaussians = concatenate_gaussians([scene.gaussians, shadow])
+    marks = np.zeros(len(gaussians), np.uint8)
+    marks[-60:] = LEARNED_SHADOW
+    added = [np.full(60, value, kind) for value, kind in ((DRIVING_CAR, np.uint32), (50, np.uint32), (1, np.uint16))]
+    columns = (scene.instance_ids, scene.codewords, scene.nodes)
+    ids, words, nodes = (np.concatenate(pair) for pair in zip(columns, added, strict=True))
+    changed = replace(
+        scene, gaussians=gaussians, instance_ids=ids, codewords=words, nodes=nodes, extra={"synthetic": marks}
+    )
+    return Document(recount_table(changed))
+
+
+def test_what_has_learned_its_shadow_takes_it_along_and_gets_no_other(passing):
+    entry = passing.scene.table[DRIVING_CAR]
+    track = passing.scene.actors[entry.node - 1]
+    start = float(track.times[0])
+    edit = drive_instance(entry, change_way(track, "lane", 3.0, start))
+    passing.apply(edit)
+    assert plan_shadows(freeze_document(passing), find_put(edit), SceneLight(), start) == ()
+    assert find_shadowed(passing) == set()
+    faint = passing.scene.extra["synthetic"] == LEARNED_SHADOW
+    passing.scene.gaussians.opacity_logits[faint] = -6.0  # photos showed none
+    assert len(plan_shadows(freeze_document(passing), find_put(edit), SceneLight(), start)) == 1
+
+
+def test_a_learned_shadow_is_none_of_the_body(passing):
+    plain = Document(procedural_street())
+    assert passing.scene.table[DRIVING_CAR].bounds == plain.scene.table[DRIVING_CAR].bounds
+    before = snapshot(passing)
+    passing.apply(RecolorInstances((DRIVING_CAR,), "solid", (1.0, 0.0, 0.0)))
+    np.testing.assert_allclose(color_from_dc(passing.scene.gaussians.sh_dc[-60:]), 0, atol=1e-6)
+    passing.undo()
+    move = MoveInstances((DRIVING_CAR,), AWAY)
+    passing.apply(move)
+    bounds = np.array(passing.scene.table[DRIVING_CAR].bounds)
+    plain.apply(MoveInstances((DRIVING_CAR,), AWAY))
+    np.testing.assert_allclose(bounds, plain.scene.table[DRIVING_CAR].bounds, atol=1e-5)
+    passing.undo()
+    passing.apply(DeleteInstances((DRIVING_CAR,)))
+    assert (passing.state.flags[-60:] & Flag.DELETED).all()
+    passing.undo()
+    assert snapshot(passing) == before

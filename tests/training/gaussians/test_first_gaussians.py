@@ -32,6 +32,8 @@ def test_moving_objects_leave_the_background_and_gather_in_their_box():
     assert [actor.id for actor in start.actors] == ["moving"]
     assert np.all(np.diff(start.nodes.astype(int)) >= 0)
     local = start.gaussians.means[start.nodes == 1]
+    assert (local[:, 2] < 0.1 - SIZE[2] / 2).any()
+    local = local[local[:, 2] > 0.1 - SIZE[2] / 2]  # without its shadow
     assert 200 <= len(local) <= CONFIG.actor_points
     assert np.all(np.abs(local) <= SIZE / 2 + 0.2)
     moving = clip.tracks[0]

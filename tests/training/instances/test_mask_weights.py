@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
+from instdrive_core.training.instances.mask_weights import MaskWeights
 from instdrive_core.training.instances.weight_spool import ViewWeights, WeightSpool
 
 
@@ -30,3 +32,13 @@ def test_views_follow_one_another_in_every_row(in_memory):
     assert matrix.indices.dtype == np.int32
     with WeightSpool(40) as spool:
         assert spool.build_matrix(30).nnz == 0
+
+
+def test_what_is_silenced_has_no_weight_and_the_others_keep_theirs():
+    weights = csr_array(np.array([[1, 0, 2], [0, 3, 0], [4, 0, 0]], np.float32))
+    observed = MaskWeights(weights, np.array([0, 0, 1], np.int32), unmasked=np.array([5, 6, 7], np.float32))
+    silent = observed.silence(np.array([True, False, False]))
+    assert silent.sum_weights().tolist() == [0, 3, 4]
+    assert silent.unmasked is not None
+    assert silent.unmasked.tolist() == [0, 6, 7]
+    assert observed.sum_weights().tolist() == [3, 3, 4]

@@ -20,6 +20,7 @@ TWO_MAPS = NamedMasks(
     labels=np.array([1, 2, 1, 1], np.int32),
     owners=np.array([0, 1, 2, 1]),
     fits=np.array([0.9, 0.4, 0.6, 0.9], np.float32),
+    shadows=np.array([False, True, False]),
 )
 LAYERS = np.array([[1, 2, 2, 0, 7]], np.uint16), np.array([[1, 1, 0, 0, 0]], np.uint16)
 
@@ -41,7 +42,9 @@ def test_a_view_whose_masks_teach_nothing_gets_no_tags():
     tags = TWO_MAPS.draw_tags(5, LAYERS, 0.5, rng, device)
     assert tags is not None
     assert tags.known.tolist() == [[True, True, False, False, False]]
-    np.testing.assert_array_equal(tags.wanted[0, :2], tags.of_gaussians[[0, 2]])
+    np.testing.assert_array_equal(tags.wanted[0, :2], tags.of_gaussians[[0, 2], :-1])
+    assert tags.of_gaussians[1].tolist() == [0, 0, 0, 1]  # a shadow is whatever it falls on
+    assert not tags.of_gaussians[[0, 2], -1].any()
 
 
 def test_masks_are_named_after_what_they_show():
@@ -57,6 +60,12 @@ def test_masks_are_named_after_what_they_show():
     read = NamedMasks.from_tensors({name: tensor.clone() for name, tensor in named.to_tensors().items()})
     for name, array in vars(named).items():
         np.testing.assert_array_equal(getattr(read, name), array)
+
+
+def test_checkpoints_from_before_shadows_know_none():
+    tensors = TWO_MAPS.to_tensors()
+    del tensors["shadows"]
+    assert not NamedMasks.from_tensors(tensors).shadows.any()
 
 
 def test_less_of_other_objects_shows_in_a_mask_once_its_edges_are_learned():

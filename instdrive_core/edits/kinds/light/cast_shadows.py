@@ -16,7 +16,12 @@ from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteRows
 from instdrive_core.edits.kinds.driving.set_path import SetPath
 from instdrive_core.edits.kinds.fill_hole import FillHole
-from instdrive_core.edits.kinds.light.lay_shadow import LayShadow, find_shadow_rows, make_lay_shadow
+from instdrive_core.edits.kinds.light.lay_shadow import (
+    LayShadow,
+    find_shadow_rows,
+    has_learned_shadow,
+    make_lay_shadow,
+)
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
 from instdrive_core.edits.queries.compact_objects import is_compact
@@ -56,8 +61,9 @@ def find_put(edit: Edit) -> Put:
 def plan_shadows(document: Document, put: Put, light: SceneLight, time: float) -> tuple[Edit, ...]:
     """Plan the edits that lay a shadow below each thing that was put somewhere, and take away those that are wrong now.
 
-    Things back in their places have the shadow of the photos; surfaces, what floats, and whole scenes that were
-    inserted with their own ground get none. The edits are tried on `document`: give a frozen copy.
+    Things back in their places have the shadow of the photos, and what moves may take its own along; surfaces, what
+    floats, and whole scenes that were inserted with their own ground get none. The edits are tried on `document`: give
+    a frozen copy.
     """
     known = [number for number in put.ids if number in document.scene.table]
     table = document.scene.table
@@ -66,7 +72,8 @@ def plan_shadows(document: Document, put: Put, light: SceneLight, time: float) -
     steps: list[Edit] = []
     for number in known:
         wanted: Edit | None = None
-        if is_compact(table[number]) and (number in put.added or measure_move(document, number) >= LEAST_MOVE):
+        casts = is_compact(table[number]) and not has_learned_shadow(document, number)
+        if casts and (number in put.added or measure_move(document, number) >= LEAST_MOVE):
             wanted = make_lay_shadow(number, light, time)
         if wanted is None or not _try(wanted, document):
             old = find_shadow_rows(document, number)

@@ -1,0 +1,63 @@
+"""Splats that are no surface photos showed: the column that marks them, and shadows that moving objects learn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, UInt16
+from numpy import ndarray
+
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
+from instdrive_core.maths.spherical_harmonics import color_from_dc
+
+SYNTHETIC = "synthetic"
+"""Name of the per-splat column that is 0 for surfaces that photos showed, 1 for splats that fill holes, and `SHADOW`,
+`MIRRORED` or `LEARNED_SHADOW`. Also the class of what fills holes."""
+SHADOW = 2
+"""Value of that column for the splats of a shadow that was laid below a thing."""
+MIRRORED = 3
+"""Value of that column for the splats of a side that nobody saw, mirrored from the other one."""
+LEARNED_SHADOW = 4
+"""Value of that column for the splats of the shadow that photos show below an object that moves."""
+LOWEST, HIGHEST = -0.4, 0.3
+"""Metres above the lower face of a moving object's box between which its shadow lies: boxes end beside the ground."""
+THICKNESS = 0.05
+"""Metres: what has a larger standard deviation along the box's height lies on nothing."""
+LEAST_SIZE = 0.05
+"""Metres: what has no standard deviation of that size may be anything."""
+DARK = 0.3
+"""Mean of R, G and B up to which a splat takes light away from what it lies on."""
+
+
+def find_learned_shadows(
+    means: Float32[ndarray, "n 3"],
+    quats: Float32[ndarray, "n 4"],
+    log_scales: Float32[ndarray, "n 3"],
+    sh_dc: Float32[ndarray, "n 3"],
+    nodes: UInt16[ndarray, " n"],
+    heights: Float[ndarray, " k"],
+) -> Bool[ndarray, " n"]:
+    """Find the splats that lie dark and flat on the ground around a moving object's foot, and belong to it.
+
+    `heights` (metres) are those of the boxes of nodes 1, 2, …, in whose frames means and quaternions are.
+    """
+    found = np.zeros(len(means), bool)
+    rows = np.flatnonzero(nodes > 0)
+    above = means[rows, 2] + heights[nodes[rows] - 1] / 2
+    rows = rows[(above >= LOWEST) & (above <= HIGHEST) & (color_from_dc(sh_dc[rows]).mean(axis=1) <= DARK)]
+    scales = np.exp(log_scales[rows])
+    upwards = matrix_from_quaternion(normalize_quaternions(quats[rows]))[:, 2] * scales
+    flat = (upwards.astype(np.float64) ** 2).sum(axis=1) <= THICKNESS**2
+    found[rows[flat & (scales.max(axis=1) >= LEAST_SIZE)]] = True
+    return found
+
+
+def mark_learned_shadows(shadows: Bool[ndarray, " n"]) -> dict[str, ndarray]:
+    """Make the column that marks learned shadows; none where there are none."""
+    return {SYNTHETIC: np.where(shadows, LEARNED_SHADOW, 0).astype(np.uint8)} if shadows.any() else {}
+
+
+def find_marked_shadows(extra: Mapping[str, ndarray]) -> Bool[ndarray, " n"] | None:
+    """Find the learned shadows that a scene's columns mark; None where they mark nothing."""
+    return extra[SYNTHETIC] == LEARNED_SHADOW if SYNTHETIC in extra else None
