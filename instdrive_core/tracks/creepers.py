@@ -45,6 +45,8 @@ def find_creepers(things: list[SolvedThing], clouds: list[SweepCloud], votes: li
         things: the movers that are known.
         clouds, votes: one for each sweep, in order of time.
     """
+    if not any(len(cloud.points) for cloud in clouds):
+        return []
     free = [np.ones(len(cloud.points), bool) for cloud in clouds]
     for thing in things:
         if _is_lost_creeping(thing, len(clouds)):

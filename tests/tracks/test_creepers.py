@@ -44,6 +44,11 @@ def test_a_car_that_creeps_and_stops_is_one_thing_from_the_first_to_the_last_swe
     np.testing.assert_allclose(went, expected, atol=0.15)
 
 
+def test_sweeps_of_a_bare_plain_have_nothing_that_creeps():
+    _, things = find([])
+    assert things == []
+
+
 def test_a_parked_car_that_a_lorry_uncovers_bit_by_bit_stands():
     lorry = along_lane(2.0, 3.4, lambda time: 2.6 * time)
     parked = standing(14.0, 6.6)
