@@ -21,7 +21,6 @@ def test_sliders_select_a_range_and_delete_removes_it(window):
     window.key("ctrl+z")
     window.wait_for(lambda now: now["selected_splats"] == state["selected_splats"], "undo")
     window.key("ctrl+p")
-    window.wait_for_widget("palette.search")
     window.type("needle")
     window.tap("Return")
     window.wait_for(lambda state: any("loaters" in text for text in state["messages"]), "the palette to find floaters")

@@ -42,7 +42,6 @@ def test_a_biker_on_his_back_stands_up_and_lies_down_again(tmp_path):
         window.wait_until_calm()
         screenshot(tmp_path, "biker_lying")
         window.key("ctrl+p")
-        window.wait_for_widget("palette.search")
         window.type("upright")
         window.tap("Return")
         window.wait_for_widget("dialog.accept")

@@ -31,11 +31,9 @@ warm_up_software()
 """
 NO_KEY = "Pause"
 """Means nothing to the editor, and wakes it where it is idle: then it draws but once a second."""
-ANSWERED = "getdisplaygeometry"
+ANSWERED = ("getdisplaygeometry",)
 """An xdotool command that waits for an answer of the display, hence for all that was asked of it before, and needs no
 window, which may just have closed."""
-AT_REST = 0.1
-"""Seconds without a change after which a click may aim at what is shown: if it moved later, the click would miss."""
 DOUBLE_CLICK = 0.5
 """Seconds after which a second click at the same place is a click of its own."""
 
@@ -112,10 +110,6 @@ class WindowDriver:
         environment = {**os.environ, "INSTDRIVE_STATE": str(state or folder / "state")}
         self._process = SeededProcess(Path(__file__).with_name(program), arguments, environment, self._errors)
         self._clicked = (0.0, 0.0, 0.0)
-        # Its output is a buffer's otherwise, and no answer comes.
-        self._hands = subprocess.Popen(
-            ["stdbuf", "-oL", "xdotool", "-"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
-        )
 
     @property
     def state(self):
@@ -232,7 +226,7 @@ class WindowDriver:
 
     def pixels_of(self, points):
         """Where world points are in the window: (n, 2)."""
-        state = self.wait_until_calm(AT_REST)
+        state = self.wait_until_calm()
         left, top, right, _ = state["widgets"]["picture"]
         lens = state["camera"]
         pose = np.array(lens["world_from_camera"])
@@ -334,7 +328,6 @@ class WindowDriver:
 
     def type(self, text):
         """Type text into what has the keyboard."""
-        self.wait_for_frames()  # what was just opened takes the keyboard in its second frame
         subprocess.run(["xdotool", "type", "--delay", "15", "--", text], check=True, capture_output=True)
         self._xdotool()
         self.wait_for_frames()
@@ -414,9 +407,8 @@ class WindowDriver:
             self._process.terminate()
             self._process.wait(PATIENCE)
         self._errors.close()
-        self._hands.communicate()  # closes its input, at which it ends
 
-    def _xdotool(self, *words):
+    @staticmethod
+    def _xdotool(*words):
         """One or more of its commands; at the end the display has passed on all that they do."""
-        self._hands.stdin.write(" ".join(map(str, (*words, ANSWERED))) + "\n")
-        assert self._hands.stdout.readline(), f"xdotool has ended at {words}"
+        subprocess.run(["xdotool", *map(str, words), *ANSWERED], check=True, capture_output=True)
