@@ -197,12 +197,12 @@ def with_growth(config: TrainConfig) -> TrainConfig:
 
 def test_gaussians_grow_up_to_the_cap(masked, tmp_path):
     config = with_growth(short())
-    config = replace(config, densify=replace(config.densify, max_gaussians=4_500))
+    config = replace(config, densify=replace(config.densify, max_gaussians=9_500))
     events = []
     run = train(masked, tmp_path / "run", config=config, on_event=events.append)
     grown = [event for event in events if isinstance(event, DensifyDone)]
     assert grown[0].cloned + grown[0].split > 0
-    assert max(event.gaussians for event in grown) == 4_500
+    assert max(event.gaussians for event in grown) == 9_500
     assert json.loads((run / "run.json").read_text())["n_gaussians"] == grown[-1].gaussians
 
 
