@@ -104,11 +104,12 @@ def delete_improve_and_pause(window, made):
 
 
 def kill_job(run):
-    """End the job's process as a crash would."""
+    """End the job's process as a crash would, and wait until it is gone."""
     processes = [process for process in psutil.process_iter(["cmdline"]) if str(run) in (process.info["cmdline"] or ())]
     assert processes
     for process in processes:
         process.kill()
+    psutil.wait_procs(processes, PATIENCE)
 
 
 def enter(window, field, text):
