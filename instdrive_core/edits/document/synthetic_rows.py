@@ -10,13 +10,27 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.shadows import LEARNED_SHADOW, MIRRORED, SHADOW, SYNTHETIC
 from instdrive_core.scene.scene import Scene
 
-__all__ = ["LEARNED_SHADOW", "MIRRORED", "SHADOW", "SYNTHETIC", "drop_shadows", "find_learned", "find_shadow"]
+__all__ = [
+    "LEARNED_SHADOW",
+    "MIRRORED",
+    "SHADOW",
+    "SYNTHETIC",
+    "drop_shadows",
+    "find_learned",
+    "find_marked",
+    "find_shadow",
+]
+
+
+def find_marked(document: Document, rows: Int64[ndarray, " n"], *values: int) -> Bool[ndarray, " n"]:
+    """Find which rows the column marks by one of some values."""
+    column = document.scene.extra.get(SYNTHETIC)
+    return np.zeros(len(rows), bool) if column is None else np.isin(column[rows], values)
 
 
 def find_shadow(document: Document, rows: Int64[ndarray, " n"]) -> Bool[ndarray, " n"]:
     """Find which rows are of shadows, whether they were laid or learned."""
-    column = document.scene.extra.get(SYNTHETIC)
-    return np.zeros(len(rows), bool) if column is None else np.isin(column[rows], (SHADOW, LEARNED_SHADOW))
+    return find_marked(document, rows, SHADOW, LEARNED_SHADOW)
 
 
 def drop_shadows(document: Document, rows: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.bases.append import Addition
 from instdrive_core.edits.bases.growth import GrowInstance, find_main_entry, find_shown_body
 from instdrive_core.edits.bases.parameters import check_number, check_number_list, is_whole
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.synthetic_rows import LEARNED_SHADOW, SHADOW, SYNTHETIC
+from instdrive_core.edits.document.synthetic_rows import LEARNED_SHADOW, SHADOW, SYNTHETIC, find_marked
 from instdrive_core.edits.holes.shade import (
     MAX_DARKNESS,
     SceneLight,
@@ -147,20 +147,15 @@ def find_shadow_rows(document: Document, number: int) -> Int64[ndarray, " k"]:
     """Find the rows of the shadow that was laid below an instance and is still there."""
     rows = document.find_rows((number,))
     alive = (document.state.flags[rows] & Flag.DELETED) == 0
-    return rows[alive & _is_marked(document, rows, SHADOW)]
+    return rows[alive & find_marked(document, rows, SHADOW)]
 
 
 def has_learned_shadow(document: Document, number: int) -> bool:
     """Whether an instance that moves takes along a shadow that photos showed."""
     rows = document.find_rows((number,))
-    rows = rows[((document.state.flags[rows] & Flag.DELETED) == 0) & _is_marked(document, rows, LEARNED_SHADOW)]
+    rows = rows[((document.state.flags[rows] & Flag.DELETED) == 0) & find_marked(document, rows, LEARNED_SHADOW)]
     dark = sigmoid(document.scene.gaussians.opacity_logits[rows]) >= _DARK
     return bool(np.count_nonzero(dark) >= _LEAST_DARK)
-
-
-def _is_marked(document: Document, rows: Int64[ndarray, " n"], value: int) -> Bool[ndarray, " n"]:
-    column = document.scene.extra.get(SYNTHETIC)
-    return np.zeros(len(rows), bool) if column is None else column[rows] == value
 
 
 def find_shadowed(document: Document) -> set[int]:
