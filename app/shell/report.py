@@ -38,7 +38,7 @@ class Reporter:
 
 
 def describe_window(ui: Ui) -> dict[str, Any]:
-    """Describe state, selection, history, camera, messages, and the places of widgets (window pixels)."""
+    """Describe state, selection, history, camera, messages, places of widgets (window pixels), which are disabled."""
     session, document = ui.session, ui.session.document
     state: dict[str, Any] = {
         "sketch": _describe_sketch(ui),
@@ -48,6 +48,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         "preferences": asdict(session.preferences.current),
         "messages": [message.text for message in session.messages.log],
         "widgets": {name: [round(value, 1) for value in rect] for name, rect in sorted(ui.marks.items())},
+        "disabled": sorted(ui.disabled),
     }
     if document is None:
         return state | {"open": False}

@@ -77,6 +77,8 @@ class Ui:
     """Left, top, right, bottom of the visible part of named widgets in this frame, in window pixels."""
     cut: set[str] = field(default_factory=set)
     """Names of widgets whose left or right end is outside their panel, because the panel is too narrow."""
+    disabled: set[str] = field(default_factory=set)
+    """Names of widgets in `marks` that do not take a click in this frame."""
 
     @property
     def tool(self) -> Tool:
@@ -93,6 +95,8 @@ class Ui:
             self.marks[name] = (left, top, right, bottom)
             if right - left < high.x - low.x - scale_pixels(CUT_SLACK):
                 self.cut.add(name)
+            if imgui.get_item_flags() & imgui.ItemFlags_.disabled:
+                self.disabled.add(name)
 
     def mark_spot(self, name: str, spot: tuple[float, float], reach: float, place: Rectangle) -> None:
         """Record a drawn spot (window pixels) that reaches so far, in pixels at scale 1, where it lies in `place`."""
@@ -104,6 +108,7 @@ class Ui:
         """Forget all marks; call it before a frame."""
         self.marks.clear()
         self.cut.clear()
+        self.disabled.clear()
 
 
 def scale_pixels(pixels: float) -> float:

@@ -276,7 +276,9 @@ class WindowDriver:
             self._xdotool("keyup", modifier)
 
     def click_widget(self, name, *modifiers, button=1):
-        """Click the middle of a widget."""
+        """Click the middle of a widget, once it takes clicks: what it needs may still be computed."""
+        self.wait_for_widget(name)
+        self.wait_for(lambda state: name not in state["disabled"], f"the widget {name!r} to take clicks")
         self.click(*self.wait_for_widget(name), *modifiers, button=button)
 
     def drag(self, start, end, button=1, steps=8, modifiers=(), before_release=lambda: None):
