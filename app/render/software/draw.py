@@ -42,8 +42,6 @@ from instdrive_core.scene.selection import Flag
 
 DRAFT_SECONDS = 1 / 16
 """Drafts of scenes without levels of detail leave out enough splats to be drawn in this time."""
-MERGED_SECONDS = 1 / 40
-"""Drafts of scenes with levels of detail are drawn coarsely enough for this time."""
 FEWEST_SPLATS = 150_000
 """Splats that a draft shows at least, if the scene has as many: with fewer, walls of small splats get holes."""
 _SAMPLE = 500_000
@@ -128,7 +126,7 @@ class SoftwareDraw:
             if seconds > SMOOTH_SECONDS:
                 self._start_merging(placed)
             if merged is not None and snapshot.draft:
-                merged.adapt(seconds / MERGED_SECONDS)
+                merged.adapt(seconds)
             elif snapshot.draft and not _is_sparse(placed, snapshot):
                 self._adapt(seconds, len(placed.means))
         picture = self._compose(request.state, snapshot, camera)

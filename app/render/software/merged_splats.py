@@ -25,7 +25,11 @@ from instdrive_core.scene.camera import Camera
 _FINEST, _COARSEST, _COARSEST_WHOLE = 1.0, 5.0, 4.0
 """Pixels of the draft: bounds on the standard deviation up to which a node stands for its splats; with the coarsest at
 half resolution trained streets keep 32 dB, and what is coarser than the last at whole resolution is drawn at half."""
-_START = 2.0
+_NEAR_SHARP = 2.0
+"""The same: up to here a draft is some 32 dB near the sharp frame, and what is coarser is easily seen to be."""
+_QUICK, _SLOWEST = 1 / 40, 1 / 20
+"""Seconds: a draft is drawn as coarsely as the first asks for where it remains near the sharp frame; coarser than that
+only where it would take longer than the second."""
 _SPARE = 0.4
 """Share of its time below which the finest draft at half resolution leaves room for one at whole resolution."""
 _WORTH_CULLING = 0.6
@@ -57,7 +61,7 @@ class MergedSplats:
         self._placed = placed
         self._nodes: NodeState | None = None
         self._fitted: _Fitted | None = None
-        self._tolerance, self.factor = _START, DRAFT_FACTOR
+        self.tolerance, self.factor = _NEAR_SHARP, DRAFT_FACTOR
         """Pixels, and how many times smaller than the view a draft is."""
         self._thread = threading.Thread(
             target=self._build, args=(placed.state, wait_for_turn), name="detail", daemon=True
@@ -76,7 +80,7 @@ class MergedSplats:
     def choose(self, camera: Camera, near: float, workspace: Workspace) -> CutSplats:
         """Choose what a draft draws; the arrays are the workspace's. `near` is in metres."""
         nodes, leaves = self._update()
-        return self._gather(choose_cut(nodes, camera, self._tolerance, near, workspace), nodes, leaves, workspace)
+        return self._gather(choose_cut(nodes, camera, self.tolerance, near, workspace), nodes, leaves, workspace)
 
     def cull(self, camera: Camera, near: float, workspace: Workspace) -> CutSplats | None:
         """Find all splats that a view may show; None where they are so many that gathering them is no gain."""
@@ -106,14 +110,21 @@ class MergedSplats:
             parts.append(ColorSource(sh_dc, sh_rest, frames, source.rotations, entries, source.matrices, places))
         return parts[0], parts[1]
 
-    def adapt(self, ratio: float) -> None:
-        """Draw coarser where the last draft took more than its time (`ratio` above 1), finer where less."""
-        wanted = self._tolerance * float(np.clip(ratio, 0.5, 1.6)) ** 0.5
-        if self.factor > 1 and self._tolerance <= _FINEST and ratio < _SPARE:
+    def adapt(self, seconds: float) -> None:
+        """Draw coarser where the last draft took so many seconds that it was too slow, finer where there is time left."""
+        if self.factor == 1:
+            wanted = self._scale_tolerance(seconds / _QUICK)
+        else:
+            quick, slow = self._scale_tolerance(seconds / _QUICK), self._scale_tolerance(seconds / _SLOWEST)
+            wanted = max(slow, min(quick, _NEAR_SHARP))
+        if self.factor > 1 and self.tolerance <= _FINEST and seconds < _SPARE * _QUICK:
             self.factor, wanted = 1, _COARSEST_WHOLE - 1
         elif self.factor == 1 and wanted > _COARSEST_WHOLE:
             self.factor, wanted = DRAFT_FACTOR, _COARSEST_WHOLE / DRAFT_FACTOR
-        self._tolerance = min(max(wanted, _FINEST), _COARSEST)
+        self.tolerance = min(max(wanted, _FINEST), _COARSEST)
+
+    def _scale_tolerance(self, ratio: float) -> float:
+        return self.tolerance * float(np.clip(ratio, 0.5, 1.6)) ** 0.5
 
     def _build(self, state: SceneState, wait_for_turn: Callable[[], object]) -> None:
         if measure_available_memory() < 2 * _BYTES * len(state.nodes):

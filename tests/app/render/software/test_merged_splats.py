@@ -52,8 +52,8 @@ class Pair:
 
 @pytest.fixture
 def pair(street, monkeypatch):
-    monkeypatch.setattr(MergedSplats, "adapt", lambda self, ratio: None)  # how fast this machine is decides nothing
-    monkeypatch.setattr(merged_splats, "_START", 1.5)
+    monkeypatch.setattr(MergedSplats, "adapt", lambda self, seconds: None)  # how fast this machine is decides nothing
+    monkeypatch.setattr(merged_splats, "_NEAR_SHARP", 1.5)
     return Pair(street)
 
 
@@ -78,7 +78,7 @@ def test_pixels_of_drafts_are_means_of_the_sharp_pictures(pair, monkeypatch, mer
         means = sharp.reshape(draft.shape[0], 2, draft.shape[1], 2, 3).mean(axis=(1, 3))
         return ((means - draft) ** 2).mean()
 
-    monkeypatch.setattr(merged_splats, "_START", 1.0)
+    monkeypatch.setattr(merged_splats, "_NEAR_SHARP", 1.0)
     error = compute_error()
     monkeypatch.setattr(RasterSettings, "fit_smaller", lambda settings, factor: settings)
     assert error < 0.5 * compute_error()
@@ -136,15 +136,34 @@ def test_sharp_frames_leave_out_what_is_out_of_view_and_nothing_else(pair, monke
     assert any(found is not None and len(found.rows) < len(pair.document.scene) / 2 for found in culled)
 
 
-def test_drafts_are_whole_where_there_is_time_and_half_where_there_is_none(street):
+@pytest.fixture
+def adapting(street):
     made = MergedSplats(PlacedSplats(SceneWatcher(street).take_state(), 0.0))
     made.wait()
-    for _ in range(20):
-        made.adapt(0.1)
-    assert made.factor == 1
-    for _ in range(20):
-        made.adapt(3.0)
-    assert made.factor == 2
+
+    def adapt(seconds):
+        for _ in range(20):
+            made.adapt(seconds)
+        return made.factor, made.tolerance
+
+    return adapt
+
+
+def test_drafts_are_whole_where_there_is_time_and_half_where_there_is_none(adapting):
+    assert adapting(0.002)[0] == 1
+    assert adapting(0.1)[0] == 2
+
+
+def test_drafts_are_easily_seen_to_be_coarse_only_where_else_they_would_be_slow(adapting):
+    near_sharp = 2, 2.0
+    assert adapting(1 / 25) == near_sharp
+    factor, tolerance = adapting(1 / 10)
+    assert factor == 2
+    assert tolerance > 2
+    assert adapting(1 / 25) == near_sharp
+    factor, tolerance = adapting(1 / 60)
+    assert factor == 2
+    assert tolerance < 2
 
 
 def test_levels_of_detail_are_not_built_while_a_sharp_frame_is_drawn(pair, monkeypatch):
