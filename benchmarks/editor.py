@@ -82,7 +82,7 @@ def _large_figures(folder: Path, options: Options) -> dict[str, float]:
         editor.settle()
         still, elsewhere = editor.fps_still(options.frames), editor.fps_still(options.frames, _STEP)
         editor.fps_moving(options.moving_seconds)  # levels of detail are built meanwhile
-        moving = editor.fps_moving(options.moving_seconds)
+        moving, draft = editor.fps_moving(options.moving_seconds), editor.draft_psnr()
         click, edits = editor.click_seconds(options.actions), editor.edit_seconds(options.actions)
         brush, ranged = editor.brush_seconds(options.actions), editor.range_seconds(options.actions)
         exported = editor.export(folder / "exported.ply")
@@ -90,6 +90,7 @@ def _large_figures(folder: Path, options: Options) -> dict[str, float]:
             "fps_1m_720p": still,
             "fps_1m_720p_elsewhere": elsewhere,
             "fps_1m_720p_moving": moving,
+            "draft_psnr_1m": draft,
             "click_ms_1m": 1e3 * click,
             **{f"{name}_ms_1m": 1e3 * seconds for name, seconds in edits.items()},
             "brush_ms_1m": 1e3 * brush,
@@ -109,6 +110,7 @@ def _huge_figures(folder: Path, options: Options) -> dict[str, float]:
         editor.fps_moving(2 * options.moving_seconds)  # levels of detail are built meanwhile
         return {
             "fps_5m_720p_moving": editor.fps_moving(options.moving_seconds),
+            "draft_psnr_5m": editor.draft_psnr(),
             "click_ms_5m": 1e3 * editor.click_seconds(options.actions),
             "open_s_5m": opened,
         }
@@ -125,10 +127,12 @@ def _biggest_figures(folder: Path, options: Options) -> dict[str, float]:
         figures[f"fps_{name}_720p_moving_at_once"] = editor.fps_moving(options.moving_seconds)
         editor.fps_moving(8 * options.moving_seconds)  # levels of detail are built meanwhile
         figures[f"fps_{name}_720p_moving_all_in_view"] = editor.fps_moving(options.moving_seconds)
+        figures[f"draft_psnr_{name}_all_in_view"] = editor.draft_psnr()
         editor.look_from(cameras[0])
         editor.settle()
         return figures | {
             f"fps_{name}_720p_moving": editor.fps_moving(options.moving_seconds),
+            f"draft_psnr_{name}": editor.draft_psnr(),
             f"click_ms_{name}": 1e3 * editor.click_seconds(options.actions),
             f"delete_ms_{name}": 1e3 * editor.delete_seconds(options.actions),
         }

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import moderngl
 import numpy as np
+from PIL import Image
 
 from instdrive_app import camera
 from instdrive_app.pointer import Click
@@ -22,9 +23,12 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import Intrinsics, Viewpoint, resolve
 from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.registry import create_tools
+from instdrive_core.evaluation.metrics.image_metrics import psnr
 from instdrive_core.scene.camera import Camera
 
 PATIENCE = 120.0
+DRAFT_TURNS = (-0.2, -0.1, 0.0, 0.1, 0.2)
+"""Radians, as far as the camera turns in `fps_moving`."""
 FRAME = 1 / 60
 """Seconds from frame to frame while nothing hinders."""
 
@@ -124,6 +128,21 @@ class DrivenEditor:
         self.session.navigation.look_from(start)
         self.settle()
         return len(shown) / seconds
+
+    def draft_psnr(self) -> float:
+        """PSNR (dB) against sharp frames of what is shown while the camera moves, enlarged as the window does; median
+        over directions. Call it after `fps_moving`: how coarse drafts are depends on the machine."""
+        start, found = self.session.state.viewpoint, []
+        for turn in DRAFT_TURNS:
+            view = camera.look(start, turn, 0.0)
+            snapshot = replace(resolve(self.session.state, *self.size), camera=view.fit_camera(*self.size))
+            pictures = []
+            for draft in (True, False):
+                self.view.renderer.render(replace(snapshot, draft=draft))
+                picture = Image.fromarray(self.view.renderer.read_picture())
+                pictures.append(np.asarray(picture.resize(self.size, Image.Resampling.BILINEAR)) / 255)
+            found.append(psnr(*pictures))
+        return statistics.median(value for value in found if value is not None)
 
     def click_seconds(self, count: int) -> float:
         """Median time of a frame in which a click selects an instance."""

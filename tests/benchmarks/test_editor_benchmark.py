@@ -18,7 +18,7 @@ KEYS = {
         "paint_ms_1m",
     ),
     *("undo_ms_1m", "open_s_1m", "export_s_1m", "max_freeze_ms", "help_s", "brush_ms_1m", "range_ms_1m"),
-    *("fps_5m_720p_moving", "click_ms_5m", "open_s_5m"),
+    *("fps_5m_720p_moving", "click_ms_5m", "open_s_5m", "draft_psnr_1m", "draft_psnr_5m"),
 }
 
 

@@ -188,7 +188,7 @@ class SoftwareDraw:
         cut = choose(camera, settings.near, workspace)
         if cut is None:
             return False
-        found, middle = ProjectedSplats(len(cut.means), workspace), cut.splat_count
+        found, middle = ProjectedSplats(len(cut.means), workspace, cut.rows), cut.splat_count
         sources = merged.build_sources(cut, _build_color_source(placed))
         # Not so for nodes, which are wide and hide too little as it is.
         fine = settings.fit_smaller(merged.factor) if snapshot.draft else settings
@@ -197,7 +197,6 @@ class SoftwareDraw:
             shapes = cut.means[part], cut.quats[part], cut.log_scales[part], cut.opacities[part]
             project_part(*shapes, camera, chosen, source, found.take_part(part.start, part.stop))
         self._finish(found, placed, camera, snapshot, settings)
-        self._winner = np.append(cut.rows, np.int32(-1))[self._winner]
         return True
 
     def _blend_sparse(self, placed: PlacedSplats, camera: Camera, snapshot: FrameSnapshot) -> None:
@@ -207,7 +206,6 @@ class SoftwareDraw:
             self._sparse = SparseSplats(placed)
         found = self._sparse.project(camera, _build_color_source(placed), settings, self._workspace)
         self._finish(found, placed, camera, snapshot, settings)
-        self._winner = np.append(self._sparse.rows, np.int32(-1))[self._winner]
 
     def _finish(
         self,

@@ -22,16 +22,20 @@ from instdrive_core.rasterize.detail.tree import build_detail_tree
 from instdrive_core.rasterize.preview.colors import ColorSource
 from instdrive_core.scene.camera import Camera
 
-_FINEST, _COARSEST, _COARSEST_WHOLE = 1.0, 5.0, 4.0
-"""Pixels of the draft: bounds on the standard deviation up to which a node stands for its splats; with the coarsest at
-half resolution trained streets keep 32 dB, and what is coarser than the last at whole resolution is drawn at half."""
+_FINEST, _COARSEST = 1.0, 5.0
+"""Pixels of the draft: bounds on the standard deviation up to which a node stands for its splats. At whole resolution
+the coarsest draft is nearer to the sharp frame than any at half resolution that is as quick."""
 _NEAR_SHARP = 2.0
-"""The same: up to here a draft is some 32 dB near the sharp frame, and what is coarser is easily seen to be."""
-_QUICK, _SLOWEST = 1 / 40, 1 / 20
+"""The same at half resolution: what is coarser is easily seen to be."""
+_FIRST = _COARSEST, 1
+"""Tolerance of the first draft, and how many times smaller than the view it is."""
+_QUICK, _SLOWEST = 1 / 32, 1 / 20
 """Seconds: a draft is drawn as coarsely as the first asks for where it remains near the sharp frame; coarser than that
 only where it would take longer than the second."""
-_SPARE = 0.4
-"""Share of its time below which the finest draft at half resolution leaves room for one at whole resolution."""
+_DEARER = 2.5
+"""How many times longer a draft at whole resolution is taken to last than one at half, until both are known."""
+_SPARE = 0.9
+"""Share of its time that a draft at whole resolution must be expected to keep to."""
 _WORTH_CULLING = 0.6
 """Share of blocks in view above which looking at all splats is faster than gathering those in view."""
 _BYTES = 120
@@ -61,8 +65,11 @@ class MergedSplats:
         self._placed = placed
         self._nodes: NodeState | None = None
         self._fitted: _Fitted | None = None
-        self.tolerance, self.factor = _NEAR_SHARP, DRAFT_FACTOR
+        self.tolerance, self.factor = _FIRST
         """Pixels, and how many times smaller than the view a draft is."""
+        self._given_up: float | None = None
+        """Seconds of the draft at whole resolution after which the next one is drawn at half."""
+        self._dearer = _DEARER
         self._thread = threading.Thread(
             target=self._build, args=(placed.state, wait_for_turn), name="detail", daemon=True
         )
@@ -111,16 +118,17 @@ class MergedSplats:
         return parts[0], parts[1]
 
     def adapt(self, seconds: float) -> None:
-        """Draw coarser where the last draft took so many seconds that it was too slow, finer where there is time left."""
+        """Draw coarser where the last draft took so many seconds that it was too slow, finer where time is left."""
+        wanted = self._scale_tolerance(seconds / _QUICK)
         if self.factor == 1:
-            wanted = self._scale_tolerance(seconds / _QUICK)
+            if wanted > _COARSEST:
+                self._given_up, self.factor, wanted = seconds, DRAFT_FACTOR, _NEAR_SHARP
         else:
-            quick, slow = self._scale_tolerance(seconds / _QUICK), self._scale_tolerance(seconds / _SLOWEST)
-            wanted = max(slow, min(quick, _NEAR_SHARP))
-        if self.factor > 1 and self.tolerance <= _FINEST and seconds < _SPARE * _QUICK:
-            self.factor, wanted = 1, _COARSEST_WHOLE - 1
-        elif self.factor == 1 and wanted > _COARSEST_WHOLE:
-            self.factor, wanted = DRAFT_FACTOR, _COARSEST_WHOLE / DRAFT_FACTOR
+            if self._given_up is not None:
+                self._dearer, self._given_up = max(self._given_up / seconds, 1.0), None
+            wanted = max(self._scale_tolerance(seconds / _SLOWEST), min(wanted, _NEAR_SHARP))
+            if seconds * self._dearer < _SPARE * _QUICK:
+                self.factor, wanted = 1, _COARSEST
         self.tolerance = min(max(wanted, _FINEST), _COARSEST)
 
     def _scale_tolerance(self, ratio: float) -> float:

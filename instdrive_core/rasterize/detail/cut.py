@@ -13,6 +13,7 @@ from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.detail.fit import NodeState
 from instdrive_core.rasterize.detail.tree import BLOCK, LEVELS
 from instdrive_core.rasterize.kernels.project import camera_to_row
+from instdrive_core.rasterize.kernels.simd import prefetch
 from instdrive_core.scene.camera import Camera, build_edge_normals
 
 _MARGIN = 2.0
@@ -92,28 +93,38 @@ def _count(view, tops, blocks):
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 def _choose(view, tolerance, order, nodes, listed, counts):
-    """Splats fill each block's list from its start, nodes from its end."""
+    """Splats fill each block's list from its start, nodes from its end.
+
+    Level by level: what a node stands for is fetched as it is noted, long before it is looked at.
+    """
     leaves, starts = order
     spheres, rows, spreads = nodes
+    flat = spheres.reshape(-1)
     for block in numba.prange(len(listed)):
-        place, end = block * BLOCK, min((block + 1) * BLOCK, len(leaves))
-        level, splats, merged = LEVELS, 0, 0
-        while place < end:
-            node = starts[level] + (place >> (2 * level))
-            verdict = _judge(view, tolerance, spheres[node], rows[node], spreads[node])
-            if verdict == 2 and level > 1:
-                level -= 1
-                continue
-            if verdict == 2:
-                for k in range(place, min(place + 4, end)):
-                    listed[block, splats] = leaves[k]
-                    splats += 1
-            elif verdict == 1:
-                merged += 1
-                listed[block, BLOCK - merged] = node
-            place += 1 << (2 * level)
-            while level < LEVELS and (place >> (2 * level)) & 3 == 0:
-                level += 1
+        asked, following = np.empty(BLOCK // 4, np.int64), np.empty(BLOCK // 4, np.int64)
+        asked[0], count, splats, merged = starts[LEVELS] + block, 1, 0, 0
+        for level in range(LEVELS, 0, -1):
+            noted = 0
+            for place in range(count):
+                node = asked[place]
+                verdict = _judge(view, tolerance, spheres[node], rows[node], spreads[node])
+                first = 4 * (node - starts[level])
+                if verdict == 1:
+                    merged += 1
+                    listed[block, BLOCK - merged] = node
+                elif verdict == 2 and level == 1:
+                    for k in range(first, min(first + 4, len(leaves))):
+                        listed[block, splats] = leaves[k]
+                        splats += 1
+                elif verdict == 2:
+                    first += starts[level - 1]
+                    prefetch(flat, np.uint64(4 * first))
+                    prefetch(rows, np.uint64(first))
+                    prefetch(spreads, np.uint64(first))
+                    for child in range(first, min(first + 4, starts[level])):
+                        following[noted] = child
+                        noted += 1
+            asked, following, count = following, asked, noted
         counts[block, 0], counts[block, 1] = splats, merged
 
 

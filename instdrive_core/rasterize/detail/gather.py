@@ -82,6 +82,10 @@ def _gather(sources, rows, start, arrays, kinds, written, marks):
         prefetch(flat[0], ahead * np.uint64(3))
         prefetch(flat[1], ahead * np.uint64(4))
         prefetch(flat[2], ahead * np.uint64(3))
+        prefetch(arrays[3], ahead)
+        ahead = np.uint64(rows[min(k + _AHEAD, len(sources) - 1)])
+        prefetch(kinds[0], ahead)
+        prefetch(kinds[1], ahead)
         source, row, at = sources[k], rows[k], start + k
         for axis in range(3):
             written[0][at, axis] = arrays[0][source, axis]

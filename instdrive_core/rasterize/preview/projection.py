@@ -99,7 +99,7 @@ def project_part(
     constants = np.append(settings.to_row(), np.float32(np.log2(settings.min_alpha) / 8))
     written = found.lines, found.depths, found.tiles.view(np.float32).reshape(-1)
     harmonics, turned, recolored = source.to_arguments()
-    _project(arrays, last, view, constants, harmonics, turned, recolored, written, found.first_row)
+    _project(arrays, last, view, constants, harmonics, turned, recolored, written, found.first_row, found.names)
 
 
 def _fill_up(rows: ndarray) -> ndarray:
@@ -237,7 +237,7 @@ def _note_reached(tiles, wanted, left, upper, shape, bit):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FLAGS)
-def _write_chunk(chunk, start, count, first_row, lines, depths, boxes):
+def _write_chunk(chunk, start, count, first_row, names, lines, depths, boxes):
     """Write a chunk's rows from `start` on, of which there are `count`."""
     columns, rows, packed, seen = chunk.columns, chunk.columns.view(np.int32), chunk.boxes, chunk.seen
     zero = np.float32(0)
@@ -252,13 +252,15 @@ def _write_chunk(chunk, start, count, first_row, lines, depths, boxes):
             continue
         store_up_to(2 * held, boxes, first * np.uint64(2), load(packed, at_boxes))
         store_up_to(2 * held - 16, boxes, first * np.uint64(2) + _LANES, load(packed, at_boxes + _LANES))
-        for lane in range(_LANES):
-            rows[at + AT_ROW * _LANES + lane] = np.int32(first_row + first + lane)
+        for lane in range(held if len(names) else 0):
+            rows[at + AT_ROW * _LANES + np.uint64(lane)] = names[first + np.uint64(lane)]
+        for lane in range(0 if len(names) else _LANES):
+            rows[at + AT_ROW * _LANES + np.uint64(lane)] = np.int32(first_row + first + lane)
         store_records(columns, at, visible, lines, first * _LANES)
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FLAGS)
-def _project(arrays, last, view, constants, harmonics, turned, recolored, written, first_row):
+def _project(arrays, last, view, constants, harmonics, turned, recolored, written, first_row, names):
     lines, depths, boxes = written
     count, values = np.uint64(len(depths)), harmonics[1].shape[1]
     chunks, flat, rest = (len(depths) + CHUNK - 1) // CHUNK, lines.reshape(-1), harmonics[1].reshape(-1)
@@ -279,4 +281,4 @@ def _project(arrays, last, view, constants, harmonics, turned, recolored, writte
                 *(room, start, here, dc, rest, harmonics[2], harmonics[3], remembered),
                 *(harmonics[5], turned[0], rotations, recolored[0], matrices),
             )
-            _write_chunk(room, start, here, first_row, flat, depths, boxes)
+            _write_chunk(room, start, here, first_row, names, flat, depths, boxes)

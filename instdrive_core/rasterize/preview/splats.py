@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Int32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
@@ -22,12 +22,21 @@ MANY = np.float32(16)
 """Instead of bits of four tiles: more than these."""
 
 
-class ProjectedSplats:
-    """Splats projected in the order of their rows; the arrays are the workspace's."""
+_NO_NAMES = np.zeros(0, np.int32)
 
-    def __init__(self, count: int, workspace: Workspace) -> None:
-        self.first_row = 0
-        """Row of the first of these splats."""
+
+class ProjectedSplats:
+    """Splats projected in the order of their rows; the arrays are the workspace's.
+
+    Args:
+        count: n.
+        workspace: where the arrays are.
+        names: rows of a scene that pixels of these splats stand for; empty: the numbers from 0 on.
+    """
+
+    def __init__(self, count: int, workspace: Workspace, names: Int32[ndarray, " n"] = _NO_NAMES) -> None:
+        self.first_row, self.names = 0, names
+        """Number of the first of these splats, and the scene's rows that they are named by."""
         self.lines = workspace.get_array("projected splats", (count, SPLAT_FLOATS))
         """A cache line each, in the columns above; undefined for invisible ones."""
         self.depths = workspace.get_array("projected depths", (count,))
@@ -39,7 +48,7 @@ class ProjectedSplats:
     def take_part(self, start: int, end: int) -> ProjectedSplats:
         """Take the rows from `start` to before `end`; a view."""
         part = copy(self)
-        part.first_row = self.first_row + start
+        part.first_row, part.names = self.first_row + start, self.names[start:end]
         part.lines, part.depths, part.tiles = self.lines[start:end], self.depths[start:end], self.tiles[start:end]
         return part
 

@@ -53,7 +53,7 @@ class Pair:
 @pytest.fixture
 def pair(street, monkeypatch):
     monkeypatch.setattr(MergedSplats, "adapt", lambda self, seconds: None)  # how fast this machine is decides nothing
-    monkeypatch.setattr(merged_splats, "_NEAR_SHARP", 1.5)
+    monkeypatch.setattr(merged_splats, "_FIRST", (1.5, 2))
     return Pair(street)
 
 
@@ -78,7 +78,7 @@ def test_pixels_of_drafts_are_means_of_the_sharp_pictures(pair, monkeypatch, mer
         means = sharp.reshape(draft.shape[0], 2, draft.shape[1], 2, 3).mean(axis=(1, 3))
         return ((means - draft) ** 2).mean()
 
-    monkeypatch.setattr(merged_splats, "_NEAR_SHARP", 1.0)
+    monkeypatch.setattr(merged_splats, "_FIRST", (1.0, 2))
     error = compute_error()
     monkeypatch.setattr(RasterSettings, "fit_smaller", lambda settings, factor: settings)
     assert error < 0.5 * compute_error()
@@ -137,14 +137,18 @@ def test_sharp_frames_leave_out_what_is_out_of_view_and_nothing_else(pair, monke
 
 
 @pytest.fixture
-def adapting(street):
+def adapted(street):
     made = MergedSplats(PlacedSplats(SceneWatcher(street).take_state(), 0.0))
     made.wait()
+    return made
 
+
+@pytest.fixture
+def adapting(adapted):
     def adapt(seconds):
         for _ in range(20):
-            made.adapt(seconds)
-        return made.factor, made.tolerance
+            adapted.adapt(seconds)
+        return adapted.factor, adapted.tolerance
 
     return adapt
 
@@ -152,18 +156,27 @@ def adapting(street):
 def test_drafts_are_whole_where_there_is_time_and_half_where_there_is_none(adapting):
     assert adapting(0.002)[0] == 1
     assert adapting(0.1)[0] == 2
+    assert adapting(0.002)[0] == 1
 
 
 def test_drafts_are_easily_seen_to_be_coarse_only_where_else_they_would_be_slow(adapting):
-    near_sharp = 2, 2.0
-    assert adapting(1 / 25) == near_sharp
-    factor, tolerance = adapting(1 / 10)
-    assert factor == 2
-    assert tolerance > 2
-    assert adapting(1 / 25) == near_sharp
-    factor, tolerance = adapting(1 / 60)
+    assert adapting(1 / 10)[0] == 2
+    assert adapting(1 / 10)[1] > 2
+    assert adapting(1 / 25) == (2, 2.0)
+    factor, tolerance = adapting(1 / 34)
     assert factor == 2
     assert tolerance < 2
+
+
+def test_drafts_are_whole_again_only_where_that_was_seen_to_be_quick_enough(adapted):
+    adapted.tolerance = 5.0
+    adapted.adapt(0.06)
+    assert adapted.factor == 2
+    adapted.adapt(0.02)  # a third of what the whole one took
+    adapted.adapt(0.012)
+    assert adapted.factor == 2
+    adapted.adapt(0.008)
+    assert (adapted.factor, adapted.tolerance) == (1, 5.0)
 
 
 def test_levels_of_detail_are_not_built_while_a_sharp_frame_is_drawn(pair, monkeypatch):
