@@ -26,7 +26,7 @@ _FINEST, _COARSEST = 1.0, 5.0
 """Pixels of the draft: bounds on the standard deviation up to which a node stands for its splats. At whole resolution
 the coarsest draft is nearer to the sharp frame than any at half resolution that is as quick."""
 _NEAR_SHARP = 2.0
-"""The same at half resolution: what is coarser is easily seen to be."""
+"""Pixels of a draft at half resolution: what is merged beyond that is easily seen to be coarse."""
 _FIRST = _COARSEST, 1
 """Tolerance of the first draft, and how many times smaller than the view it is."""
 _QUICK, _SLOWEST = 1 / 32, 1 / 20
