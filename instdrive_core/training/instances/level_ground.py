@@ -6,7 +6,8 @@ they belong together; but a road is level where its pieces meet, while a kerb st
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import astuple, dataclass
 
 import numba
 import numpy as np
@@ -35,6 +36,13 @@ COLOR_DIFFERENCE = 0.1
 """Difference in a channel of 0 to 1 above which two surfaces are of other stuff, or in other light."""
 MIN_MEETINGS = 8
 """Pairs of cells from which on two pieces meet; fewer tell nothing."""
+ENCLOSED = 0.8
+"""Share of a piece's meetings that must be with one other, whose shade it may be."""
+TINT = 0.3
+"""Most that the logarithms of what remains may differ between channels: shade takes about as much from each, but the
+sky's light is bluer than the sun's."""
+FAINTEST = 0.02
+"""Darker channels count as this bright."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +53,32 @@ class _Meetings:
     """Metres that the group with the higher number lies above the other."""
     colors: Float32[ndarray, "k 3"]
     """What its colour is more."""
+    ratios: Float32[ndarray, "k 3"]
+    """Logarithm of how many times brighter it is."""
 
-    def are_level(self) -> bool:
-        """Whether there are enough of them, and half of them neither rise nor change colour."""
-        if len(self.steps) < MIN_MEETINGS or abs(float(np.median(self.steps))) > STEP:
-            return False
-        return float(np.abs(np.median(self.colors, axis=0)).max()) <= COLOR_DIFFERENCE
+    def is_step(self) -> bool:
+        """Whether there are too few to tell, or half of them rise or fall."""
+        return len(self.steps) < MIN_MEETINGS or abs(float(np.median(self.steps))) > STEP
+
+    def is_shade(self) -> bool:
+        """Whether one may be the other in another light."""
+        return not self.is_step() and float(np.ptp(np.median(self.ratios, axis=0))) <= TINT
+
+    def join(self, other: _Meetings) -> _Meetings:
+        """Join what was measured of two pairs."""
+        parts = zip(astuple(self), astuple(other), strict=True)
+        return _Meetings(*(np.concatenate(pair) for pair in parts))
+
+    def turn(self) -> _Meetings:
+        """Turn it around: what the other one is more."""
+        return _Meetings(-self.steps, -self.colors, -self.ratios)
+
+    def measure_difference(self) -> float:
+        """Measure how much of the most that pieces of one surface may differ half of them do: above 1 they are two."""
+        if self.is_step():
+            return math.inf
+        step, colors = abs(float(np.median(self.steps))), np.abs(np.median(self.colors, axis=0))
+        return max(step / STEP, float(colors.max()) / COLOR_DIFFERENCE)
 
 
 def join_level_ground(
@@ -128,12 +156,14 @@ def _measure_meetings(
     pairs[turned] = pairs[turned][:, ::-1]
     differences = middles[pairs[:, 1]] - middles[pairs[:, 0]]
     differences[:, 2] -= (slopes[pairs].mean(axis=1) * differences[:, :2]).sum(axis=1)
-    differences = differences[:, 2:].astype(np.float32)
+    logarithms = np.log(np.maximum(middles[:, 3:], FAINTEST))
+    differences = np.column_stack([differences[:, 2:], logarithms[pairs[:, 1]] - logarithms[pairs[:, 0]]])
+    differences = differences.astype(np.float32)
     between, pair = np.unique(entries[pairs, 2], axis=0, return_inverse=True)
     meetings = {}
     for number, (one, other) in enumerate(between.tolist()):
         part = differences[pair.ravel() == number]
-        meetings[one, other] = _Meetings(part[:, 0], part[:, 1:])
+        meetings[one, other] = _Meetings(part[:, 0], part[:, 1:4], part[:, 4:])
     return meetings
 
 
@@ -168,17 +198,37 @@ def _measure_slopes(cells: Int64[ndarray, "e 2"], middles: Float64[ndarray, "e 3
 
 
 def _join(meetings: dict[tuple[int, int], _Meetings], sizes: Int64[ndarray, " g"]) -> Int64[ndarray, " g"]:
-    """Join the level pair that meets most often, time and again; what was joined meets others as one.
+    """Join the two that differ least, time and again; what was joined meets others as one.
 
     So a driveway, level with the road and with the pavement, does not join these two: a kerb is most of their border.
+    Nor does a patch in the shade come between two pieces in the sun because it meets one of them most often: it joins
+    what is around it last.
     """
     names = np.arange(len(sizes))
-    while level := [pair for pair, meeting in meetings.items() if meeting.are_level()]:
-        pair = max(level, key=lambda pair: (len(meetings[pair].steps), -pair[0], -pair[1]))
+    while pair := _find_alike(meetings) or _find_shaded(meetings):
         kept, gone = sorted(pair, key=lambda group: (-sizes[names == group].sum(), group))
         names[names == gone] = kept
         meetings = _unite(meetings, kept, gone)
     return names
+
+
+def _find_alike(meetings: dict[tuple[int, int], _Meetings]) -> tuple[int, int] | None:
+    """Find the two that differ least, if so little that they are one."""
+    differences = {pair: meeting.measure_difference() for pair, meeting in meetings.items()}
+    pair = min(differences, key=lambda pair: (differences[pair], pair), default=None)
+    return pair if pair is not None and differences[pair] <= 1 else None
+
+
+def _find_shaded(meetings: dict[tuple[int, int], _Meetings]) -> tuple[int, int] | None:
+    """Find a piece that is level with the only other one around it, and looks like that in another light."""
+    total: dict[int, int] = {}
+    for pair, meeting in meetings.items():
+        for group in pair:
+            total[group] = total.get(group, 0) + len(meeting.steps)
+    for pair, meeting in sorted(meetings.items(), key=lambda entry: (-len(entry[1].steps), entry[0])):
+        if len(meeting.steps) >= ENCLOSED * min(total[group] for group in pair) and meeting.is_shade():
+            return pair
+    return None
 
 
 def _unite(meetings: dict[tuple[int, int], _Meetings], kept: int, gone: int) -> dict[tuple[int, int], _Meetings]:
@@ -189,11 +239,7 @@ def _unite(meetings: dict[tuple[int, int], _Meetings], kept: int, gone: int) -> 
         if one == other:
             continue
         if one > other:
-            one, other, meeting = other, one, _Meetings(-meeting.steps, -meeting.colors)
+            one, other, meeting = other, one, meeting.turn()
         known = united.get((one, other))
-        united[one, other] = (
-            meeting
-            if known is None
-            else _Meetings(np.concatenate([known.steps, meeting.steps]), np.concatenate([known.colors, meeting.colors]))
-        )
+        united[one, other] = meeting if known is None else known.join(meeting)
     return united

@@ -6,7 +6,7 @@ import pytest
 from instdrive_core.training.instances.ground_height import measure_heights
 from instdrive_core.training.instances.level_ground import join_level_ground
 
-ROAD, FAR_ROAD, PAVEMENT, CAR, DRIVEWAY = range(5)
+ROAD, FAR_ROAD, PAVEMENT, CAR, DRIVEWAY, PATCH, BETWEEN = range(7)
 ASPHALT, STONE = (0.3, 0.3, 0.3), (0.32, 0.31, 0.3)
 
 
@@ -52,6 +52,28 @@ def test_a_road_in_two_pieces_is_one_and_the_pavement_is_not_part_of_it(slope):
 def test_what_is_level_but_of_another_colour_stays_apart():
     joined = Street(kerb=0.0, pavement_color=(0.3, 0.45, 0.2)).join()
     assert joined[ROAD] == joined[FAR_ROAD] != joined[PAVEMENT]
+
+
+@pytest.mark.parametrize(("color", "joins"), [((0.14, 0.15, 0.16), True), ((0.15, 0.28, 0.08), False)])
+def test_a_patch_amid_the_road_is_shade_or_a_lawn(color, joins):
+    """It begins in the next piece of the road: that one alone must not decide for both."""
+    street = Street()
+    for place, (group, points, asphalt) in enumerate(street.parts):
+        amid = (np.abs(points[:, 0] - 8) < 3) & (np.abs(points[:, 1] - 3) < 1.5)
+        street.parts[place] = (group, points[~amid], asphalt)
+    joined = street.join([(PATCH, surface((5, 11), (1.5, 4.5), 0.0), color)])
+    assert joined[ROAD] == joined[FAR_ROAD] != joined[PAVEMENT]
+    assert (joined[PATCH] == joined[ROAD]) == joins
+
+
+def test_shade_does_not_part_a_road_because_it_meets_one_piece_most():
+    """Joined with that piece first, it would differ from the other one by more than the two pieces do."""
+    street = Street()
+    street.parts[0] = (ROAD, surface((0, 8), (0, 6), 0.0), ASPHALT)
+    dim = [(PATCH, surface((8, 12), (0, 5), 0.0), (0.18,) * 3), (BETWEEN, surface((8, 12), (5, 6), 0.0), (0.24,) * 3)]
+    street.parts[1] = (FAR_ROAD, surface((12, 20), (0, 6), 0.0), ASPHALT)
+    joined = street.join(dim)
+    assert joined[ROAD] == joined[BETWEEN] == joined[FAR_ROAD] != joined[PAVEMENT]
 
 
 def test_a_driveway_goes_with_the_road_and_does_not_join_it_to_the_pavement():
