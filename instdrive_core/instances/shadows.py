@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt16
+from jaxtyping import Bool, Float, Float32, Int32, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
@@ -56,6 +56,16 @@ def find_learned_shadows(
 def mark_learned_shadows(shadows: Bool[ndarray, " n"]) -> dict[str, ndarray]:
     """Make the column that marks learned shadows; none where there are none."""
     return {SYNTHETIC: np.where(shadows, LEARNED_SHADOW, 0).astype(np.uint8)} if shadows.any() else {}
+
+
+def name_splats(extra: Mapping[str, ndarray]) -> Int32[ndarray, " k"]:
+    """Name what each splat stands for where a pixel is picked: its row; -1 for a shadow, through which one points at
+    the ground. Empty where there are no shadows."""
+    column = extra.get(SYNTHETIC)
+    shadows = np.zeros(0, bool) if column is None else (column == SHADOW) | (column == LEARNED_SHADOW)
+    if not shadows.any():
+        return np.zeros(0, np.int32)
+    return np.where(shadows, np.int32(-1), np.arange(len(shadows), dtype=np.int32))
 
 
 def find_marked_shadows(extra: Mapping[str, ndarray]) -> Bool[ndarray, " n"] | None:

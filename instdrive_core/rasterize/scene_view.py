@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
+from instdrive_core.instances.shadows import name_splats
 from instdrive_core.rasterize.kernels.settings import RasterSettings, choose_raster_settings
 from instdrive_core.rasterize.kernels.sky_behind import render_sky_behind
 from instdrive_core.rasterize.kernels.view_colors import compute_colors
@@ -26,6 +27,8 @@ def view_scene(
 ) -> Preview:
     """Draw the scene as it is at `time` (seconds); its colour has the sky, or black, behind it.
 
+    No pixel stands for a splat of a shadow: what lies in the shadow is seen through it.
+
     Args:
         drawn: mask of the splats to draw, as `SplatState.drawn` gives it; all by default. Actors that do not exist
             at `time` are not drawn either.
@@ -41,7 +44,8 @@ def view_scene(
     if not present.all():
         opacities = np.where(present[scene.nodes], opacities, np.float32(0))
     settings = settings or choose_raster_settings(scene)
-    frame = render_preview(means, quats, gaussians.log_scales, opacities, colors, camera, settings, rule)
+    shapes, names = (means, quats, gaussians.log_scales, opacities), name_splats(scene.extra)
+    frame = render_preview(*shapes, colors, camera, settings, rule, names)
     return replace(frame, color=frame.color + render_sky_behind(scene.sky, camera, frame.alpha))
 
 

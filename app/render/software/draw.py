@@ -34,8 +34,8 @@ from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSe
 from instdrive_core.rasterize.kernels.sky_behind import add_sky
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, Preview, blend_projected
 from instdrive_core.rasterize.preview.colors import ColorSource
-from instdrive_core.rasterize.preview.projection import project_part, project_splats
-from instdrive_core.rasterize.preview.splats import ProjectedSplats
+from instdrive_core.rasterize.preview.projection import project_part
+from instdrive_core.rasterize.preview.splats import NO_NAMES, ProjectedSplats
 from instdrive_core.rasterize.splat_looks import DOT_LOG_SCALE, DOT_SETTINGS, RING_RULE, make_dots, paint_rings
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
@@ -162,7 +162,10 @@ class SoftwareDraw:
         source = _build_color_source(placed)
         if not snapshot.draft:
             source = replace(source, remembered=self._colors.recall(placed, camera.position))
-        found = project_splats(*shapes, camera, settings, source, workspace)
+        # Rings and centres show splats, not what is seen of a scene: each can be pointed at.
+        names = NO_NAMES if snapshot.view_mode in SPLAT_MODES else state.names
+        found = ProjectedSplats(len(placed.means), workspace, names)
+        project_part(*shapes, camera, settings, source, found)
         check()
         self._finish(found, placed, camera, snapshot, settings)
 
@@ -188,7 +191,7 @@ class SoftwareDraw:
         cut = choose(camera, settings.near, workspace)
         if cut is None:
             return False
-        found, middle = ProjectedSplats(len(cut.means), workspace, cut.rows), cut.splat_count
+        found, middle = ProjectedSplats(len(cut.means), workspace, placed.name(cut.rows)), cut.splat_count
         sources = merged.build_sources(cut, _build_color_source(placed))
         # Not so for nodes, which are wide and hide too little as it is.
         fine = settings.fit_smaller(merged.factor) if snapshot.draft else settings

@@ -65,6 +65,11 @@ class PlacedSplats:
         """Where each frame is; another array as soon as one has changed."""
         return self._table
 
+    def name(self, rows: Int32[ndarray, " k"]) -> Int32[ndarray, " k"]:
+        """Name what pixels of some rows stand for: the row, or -1 for those of shadows."""
+        names = self.state.names
+        return names[rows] if len(names) else rows
+
     def place_merged(
         self,
         frames: Int32[ndarray, " k"],

@@ -14,11 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float32, Float64, UInt8, UInt16, UInt32
+from jaxtyping import Float32, Float64, Int32, UInt8, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.versions import DocumentVersions
+from instdrive_core.instances.shadows import name_splats
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
@@ -40,6 +41,8 @@ class SceneState:
     actors: tuple[Track, ...]
     sky: Sky | None
     antialiased: bool
+    names: Int32[ndarray, " k"]
+    """What a pixel of each splat stands for (`name_splats`)."""
     rows_version: int
     """Rises when the shared arrays get other rows."""
 
@@ -91,6 +94,7 @@ def _copy_document(document: Document) -> SceneState:
         actors=scene.actors,
         sky=scene.sky,
         antialiased=scene.antialiased,
+        names=name_splats(scene.extra),
         rows_version=document.versions.rows,
         **_copy_colors(document),
         **_copy_moves(document),

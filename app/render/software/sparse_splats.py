@@ -41,6 +41,6 @@ class SparseSplats:
         shapes = self._means, self._quats, self._log_scales, self._opacities
         frames = source.frames[self.rows] if len(source.frames) else source.frames
         own = replace(source, frames=frames, entries=source.entries[self.rows], sources=self.rows)
-        found = ProjectedSplats(len(self.rows), workspace, self.rows)
+        found = ProjectedSplats(len(self.rows), workspace, self._placed.name(self.rows))
         project_part(*shapes, camera, settings, own, found)
         return found

@@ -78,6 +78,8 @@ _SHARE = np.uint64(BATCH) // BLOCKS
 """Splats of the next batch that are fetched before each block."""
 _NEVER = np.float32(2)
 """No fragment has this alpha."""
+_PASSED = np.float32(3)
+"""Instead of an alpha: the splat is nameless, and the next one behind it wins what it would."""
 _FROM_CENTER = np.float32(1.5)
 """Pixels from a block's centre to the centres of its outermost pixels, along each axis."""
 _SLACK = np.float32(1e-4)
@@ -129,7 +131,9 @@ def _stage(scratch, first, records, splats, start, stop, corner, limits, rule):
         corner_u, corner_v = -(a * x + b * y), -c * y
         store(staged, target, load(records, at))
         staged[target + _STAGED_U], staged[target + _STAGED_V] = corner_u, corner_v
-        staged[target + _STAGED_SOLID] = solid if records[at + AT_OPACITY] >= rule[0] else _NEVER
+        opacity = records[at + AT_OPACITY]
+        fragments = solid if opacity >= rule[0] else _NEVER
+        staged[target + _STAGED_SOLID] = _PASSED if opacity < np.float32(0) else fragments
         # In u and v a block is a parallelogram. How near the rectangle around it comes to the mean bounds exponents.
         u, v = columns * a + lines * b + corner_u, lines * c + corner_v
         u = greatest(magnitude(u) - _FROM_CENTER * (a + abs(b)), zero)
@@ -167,7 +171,7 @@ def _blend_block(scratch, block, first, todo, limits):
         still_open = still_open & (after > min_transmittance)
         weight = choose(still_open, before - after, zero)
         values = add_scaled(values, weight, staged, at + AT_VALUES)
-        if any_lane(bright) or any_lane(unclaimed):
+        if (any_lane(bright) or any_lane(unclaimed)) and staged[at + _STAGED_SOLID] < _PASSED:
             row = fill_lanes(staged[at + AT_ROW])
             claims = still_open & unclaimed & (alpha >= staged[at + _STAGED_SOLID])
             unclaimed = exclude_lanes(unclaimed, claims)
@@ -198,6 +202,8 @@ def _reach_goal(scratch, block, first, todo, limits):
         at = (first + find_lowest_bit(todo)) * LANES
         todo &= todo - one
         before = before - before * _alpha(staged, at, columns, lines, limits)
+        if staged[at + _STAGED_SOLID] == _PASSED:
+            continue
         wins = still_open & (before <= goal)
         winner = choose(wins, fill_lanes(staged[at + AT_ROW]), winner)
         still_open = exclude_lanes(still_open, wins)

@@ -13,8 +13,8 @@ from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.preview.blend import blend_preview
 from instdrive_core.rasterize.preview.colors import know_colors
-from instdrive_core.rasterize.preview.projection import project_splats
-from instdrive_core.rasterize.preview.splats import ProjectedSplats
+from instdrive_core.rasterize.preview.projection import project_part
+from instdrive_core.rasterize.preview.splats import NO_NAMES, ProjectedSplats
 from instdrive_core.rasterize.preview.tiles import bin_preview_splats
 from instdrive_core.scene.camera import Camera
 
@@ -67,14 +67,19 @@ def render_preview(
     camera: Camera,
     settings: RasterSettings = DEFAULT_SETTINGS,
     rule: PickRule = DEFAULT_PICK_RULE,
+    names: Int32[ndarray, " k"] = NO_NAMES,
 ) -> Preview:
-    """Draw N Gaussians (arguments as for `render`) and find the splat that each pixel stands for."""
+    """Draw N Gaussians (arguments as for `render`) and find the splat that each pixel stands for.
+
+    `names` are those of `ProjectedSplats`.
+    """
     means, quats, log_scales, opacities, colors = (
         to_kernel_array(array) for array in (means, quats, log_scales, opacities, colors)
     )
     workspace = Workspace()
     source = know_colors(colors)
-    found = project_splats(means, quats, log_scales, opacities, camera, settings, source, workspace)
+    found = ProjectedSplats(len(means), workspace, names)
+    project_part(means, quats, log_scales, opacities, camera, settings, source, found)
     return blend_projected(found, camera, workspace, settings, rule)
 
 

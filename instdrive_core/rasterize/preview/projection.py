@@ -52,6 +52,7 @@ from instdrive_core.rasterize.preview.splats import (
     AT_X,
     AT_Y,
     MANY,
+    NAMELESS,
     ProjectedSplats,
 )
 from instdrive_core.scene.camera import Camera
@@ -253,7 +254,10 @@ def _write_chunk(chunk, start, count, first_row, names, lines, depths, boxes):
         store_up_to(2 * held, boxes, first * np.uint64(2), load(packed, at_boxes))
         store_up_to(2 * held - 16, boxes, first * np.uint64(2) + _LANES, load(packed, at_boxes + _LANES))
         for lane in range(held if len(names) else 0):
-            rows[at + AT_ROW * _LANES + np.uint64(lane)] = names[first + np.uint64(lane)]
+            name = names[first + np.uint64(lane)]
+            rows[at + AT_ROW * _LANES + np.uint64(lane)] = name
+            if name < 0:
+                columns[at + AT_OPACITY * _LANES + np.uint64(lane)] = NAMELESS
         for lane in range(0 if len(names) else _LANES):
             rows[at + AT_ROW * _LANES + np.uint64(lane)] = np.int32(first_row + first + lane)
         store_records(columns, at, visible, lines, first * _LANES)

@@ -20,9 +20,11 @@ AT_COV_XX, AT_COV_XY, AT_COV_YY, AT_LIMIT = (np.uint64(k) for k in range(12, 16)
 AT_COLOR = AT_VALUES + np.uint64(1)
 MANY = np.float32(16)
 """Instead of bits of four tiles: more than these."""
+NAMELESS = np.float32(-1)
+"""Instead of the opacity: no pixel stands for this splat."""
 
 
-_NO_NAMES = np.zeros(0, np.int32)
+NO_NAMES = np.zeros(0, np.int32)
 
 
 class ProjectedSplats:
@@ -31,10 +33,11 @@ class ProjectedSplats:
     Args:
         count: n.
         workspace: where the arrays are.
-        names: rows of a scene that pixels of these splats stand for; empty: the numbers from 0 on.
+        names: rows of a scene that pixels of these splats stand for, -1 for those that no pixel stands for; empty: the
+            numbers from 0 on.
     """
 
-    def __init__(self, count: int, workspace: Workspace, names: Int32[ndarray, " n"] = _NO_NAMES) -> None:
+    def __init__(self, count: int, workspace: Workspace, names: Int32[ndarray, " k"] = NO_NAMES) -> None:
         self.first_row, self.names = 0, names
         """Number of the first of these splats, and the scene's rows that they are named by."""
         self.lines = workspace.get_array("projected splats", (count, SPLAT_FLOATS))
