@@ -24,6 +24,9 @@ LOWEST, HIGHEST = -0.4, 0.3
 """Metres above the lower face of a moving object's box between which its shadow lies: boxes end beside the ground."""
 THICKNESS = 0.05
 """Metres: what has a larger standard deviation along the box's height lies on nothing."""
+BESIDE, THICKNESS_BESIDE = 0.3, 0.3
+"""Metres from the box from which on nothing is the object itself, and the same limit there: photos do not say how high
+what darkens the ground lies above it."""
 LEAST_SIZE = 0.05
 """Metres: what has no standard deviation of that size may be anything."""
 DARK = 0.3
@@ -36,19 +39,22 @@ def find_learned_shadows(
     log_scales: Float32[ndarray, "n 3"],
     sh_dc: Float32[ndarray, "n 3"],
     nodes: UInt16[ndarray, " n"],
-    heights: Float[ndarray, " k"],
+    dimensions: Float[ndarray, "k 3"],
 ) -> Bool[ndarray, " n"]:
     """Find the splats that lie dark and flat on the ground around a moving object's foot, and belong to it.
 
-    `heights` (metres) are those of the boxes of nodes 1, 2, …, in whose frames means and quaternions are.
+    `dimensions` (metres) are those of the boxes of nodes 1, 2, …, in whose frames means and quaternions are.
     """
     found = np.zeros(len(means), bool)
     rows = np.flatnonzero(nodes > 0)
-    above = means[rows, 2] + heights[nodes[rows] - 1] / 2
-    rows = rows[(above >= LOWEST) & (above <= HIGHEST) & (color_from_dc(sh_dc[rows]).mean(axis=1) <= DARK)]
+    half = dimensions[nodes[rows] - 1] / 2
+    above = means[rows, 2] + half[:, 2]
+    low = (above >= LOWEST) & (above <= HIGHEST) & (color_from_dc(sh_dc[rows]).mean(axis=1) <= DARK)
+    rows, half = rows[low], half[low]
+    beside = (np.abs(means[rows, :2]) > half[:, :2] + BESIDE).any(axis=1)
     scales = np.exp(log_scales[rows])
     upwards = matrix_from_quaternion(normalize_quaternions(quats[rows]))[:, 2] * scales
-    flat = (upwards.astype(np.float64) ** 2).sum(axis=1) <= THICKNESS**2
+    flat = (upwards.astype(np.float64) ** 2).sum(axis=1) <= np.where(beside, THICKNESS_BESIDE, THICKNESS) ** 2
     found[rows[flat & (scales.max(axis=1) >= LEAST_SIZE)]] = True
     return found
 

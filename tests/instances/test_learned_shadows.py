@@ -12,15 +12,15 @@ from instdrive_core.instances.shadows import (
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 
-HEIGHT = 1.5
-FOOT = -HEIGHT / 2
+BOX = np.array([[1.8, 4.5, 1.5]])
+FOOT = -BOX[0, 2] / 2
 
 
-def find(mean=(2.0, 0.0, FOOT + 0.05), sizes=(0.2, 0.2, 0.01), quat=(1.0, 0, 0, 0), color=0.05, node=1):
+def find(mean=(1.1, 0.0, FOOT + 0.05), sizes=(0.2, 0.2, 0.01), quat=(1.0, 0, 0, 0), color=0.05, node=1):
     arrays = [np.array([value], np.float32) for value in (mean, quat, np.log(sizes), [[color] * 3][0])]
     means, quats, log_scales, colors = arrays
     dc = dc_from_color(colors).astype(np.float32)
-    found = find_learned_shadows(means, quats, log_scales, dc, np.array([node], np.uint16), np.array([HEIGHT]))
+    found = find_learned_shadows(means, quats, log_scales, dc, np.array([node], np.uint16), BOX)
     return bool(found[0])
 
 
@@ -30,6 +30,10 @@ def test_it_lies_dark_and_flat_at_the_foot_of_what_moves():
     assert not find(mean=(0, 0, 0.7))  # the roof
     assert not find(color=0.6)
     assert not find(sizes=(0.2, 0.2, 0.2))
+    beside = (1.3, 0.0, FOOT + 0.05)
+    assert find(mean=beside, sizes=(0.2, 0.2, 0.2))
+    assert not find(mean=beside, sizes=(0.5, 0.5, 0.5))
+    assert not find(mean=beside, sizes=(0.2, 0.2, 0.2), color=0.6)
     assert not find(sizes=(0.02, 0.02, 0.01))
     upright = (np.sqrt(0.5), np.sqrt(0.5), 0, 0)
     assert not find(quat=upright)  # a sill

@@ -61,5 +61,5 @@ def find_model_shadows(model: SceneModel) -> Bool[ndarray, " n"]:
     means, quats, log_scales, colors = (
         model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "sh_dc")
     )
-    heights = np.array([track.dimensions[2] for track in model.actor_poses.tracks], np.float64)
-    return find_learned_shadows(means, quats, log_scales, colors, model.nodes, heights)
+    boxes = np.array([track.dimensions for track in model.actor_poses.tracks], np.float64).reshape(-1, 3)
+    return find_learned_shadows(means, quats, log_scales, colors, model.nodes, boxes)

@@ -148,9 +148,9 @@ def _assemble(clip: Clip, pieces: Sequence[Piece], kept: _Collected, last: Scene
     times = [frame for frame in clip.frames if not frame.view.held_out]
     owned = [frozenset(frame.key for frame in times if frame.view.index in list_owned_steps(piece)) for piece in pieces]
     names = make_display_names(ids, classes)
-    tall = np.array([track.dimensions[2] for track in actors], np.float64)
+    boxes = np.array([track.dimensions for track in actors], np.float64).reshape(-1, 3)
     arrays = gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.sh_dc
-    shadows = find_learned_shadows(*arrays, node_of_row, tall)
+    shadows = find_learned_shadows(*arrays, node_of_row, boxes)
     return Scene(
         gaussians=replace(gaussians, features=features),
         instance_ids=ids,
