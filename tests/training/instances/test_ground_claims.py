@@ -71,7 +71,8 @@ def test_road_and_pavement_take_back_the_shadow_each_its_own_part():
 
 def test_what_stands_moves_or_was_not_seen_stays():
     parked = Parked()
-    rows = np.flatnonzero(parked.shadow)[:3]
+    x, y, _ = parked.means.T
+    rows = np.flatnonzero(parked.shadow & (np.abs(x - 10) < 1) & (np.abs(y - 3) < 0.5))[:3]  # below the car
     parked.thicknesses[rows[0]], parked.nodes[rows[1]], parked.weights[rows[2]] = 0.2, 1, 0
     claimed = parked.claim()
     assert claimed[rows].tolist() == [CAR] * 3
@@ -81,4 +82,21 @@ def test_what_stands_moves_or_was_not_seen_stays():
 def test_without_any_ground_nothing_is_claimed():
     parked = Parked()
     parked.ground = parked.ground[:0]
+    np.testing.assert_array_equal(parked.claim(), parked.groups)
+
+
+def test_what_is_low_and_far_from_all_that_stands_of_its_thing_is_ground_however_thick():
+    parked = Parked()
+    parked.thicknesses[parked.shadow] = 0.15
+    claimed = parked.claim()
+    far = parked.shadow & ((np.abs(parked.means[:, 0] - 10) > 2.45) | (parked.means[:, 1] < 1.7))
+    near = parked.shadow & (np.abs(parked.means[:, 0] - 10) < 2.1) & (parked.means[:, 1] > 2.0)
+    assert set(claimed[far & (parked.means[:, 1] < 3.5)].tolist()) == {ROAD}
+    assert set(claimed[near & (parked.means[:, 1] < 3.5)].tolist()) == {CAR}
+
+
+def test_a_thing_of_which_nothing_stands_keeps_what_is_thick():
+    parked = Parked()
+    parked.thicknesses[parked.shadow] = 0.15
+    parked.groups[parked.means[:, 2] > 0.3] = -1
     np.testing.assert_array_equal(parked.claim(), parked.groups)
