@@ -12,9 +12,15 @@ from instdrive_core.scene.track import Track
 from instdrive_core.tracks.boxes import TrackBox
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
+from instdrive_core.tracks.trajectory import SPACING, Trajectory
 
 SLACK = 0.06
 """Seconds by which a time step may lie outside of what was observed: half a step at 10 Hz."""
+WHEELED = 1.4
+"""Metres: what is longer rolls along its heading."""
+WINDOW, SLID = 5, 0.5
+"""Knots over which a thing must not come farther across its heading than along it, by so many metres at least: from
+there on it was mistaken for what stands or drives beside it."""
 
 
 def convert_to_tracks(things: list[SolvedThing], clouds: list[SweepCloud], clip: Clip) -> tuple[Track, ...]:
@@ -30,10 +36,11 @@ def convert_to_tracks(things: list[SolvedThing], clouds: list[SweepCloud], clip:
 
 def _track(name: str, thing: SolvedThing, clouds: list[SweepCloud], clip: Clip) -> Track | None:
     box = thing.box(clouds)
+    start, end = find_rolling_span(thing.trajectory, box)
     times, poses = [], []
     for time in sorted({frame.view.time for frame in clip.frames} | {cloud.time for cloud in clouds}):
         seen = find_moment(thing, clouds, time)
-        if not thing.trajectory.start - SLACK <= seen <= thing.trajectory.end + SLACK:
+        if not start - SLACK <= seen <= end + SLACK:
             continue
         times.append(time)
         poses.append(box_pose(thing, box, seen, clouds))
@@ -47,6 +54,34 @@ def _track(name: str, thing: SolvedThing, clouds: list[SweepCloud], clip: Clip) 
         np.stack(poses),
         moving=True,
     )
+
+
+def find_rolling_span(trajectory: Trajectory, box: TrackBox) -> tuple[float, float]:
+    """Find the longest span, in seconds, in which a thing's box rolls along its heading.
+
+    All of the trajectory where that is short, or where the thing slides most of the time: then its heading is wrong.
+    """
+    knots = trajectory.knots
+    if box.length <= WHEELED or len(knots) <= WINDOW:
+        return trajectory.start, trajectory.end
+    cosine, sine = np.cos(knots[:, 2]), np.sin(knots[:, 2])
+    middles = knots[:, :2] + np.column_stack(
+        [cosine * box.center[0] - sine * box.center[1], sine * box.center[0] + cosine * box.center[1]]
+    )
+    way, heading = middles[WINDOW:] - middles[:-WINDOW], (knots[WINDOW:, 2] + knots[:-WINDOW, 2]) / 2
+    along = np.abs(np.cos(heading) * way[:, 0] + np.sin(heading) * way[:, 1])
+    across = np.abs(np.cos(heading) * way[:, 1] - np.sin(heading) * way[:, 0])
+    slides = across > np.maximum(SLID, along)
+    if slides.mean() > 0.5:
+        return trajectory.start, trajectory.end
+    rolls = np.ones(len(knots), bool)
+    for first in np.flatnonzero(slides):
+        rolls[first + WINDOW // 2 : first + WINDOW // 2 + 2] = False
+    rolls[-WINDOW // 2 :] &= rolls[-WINDOW // 2 - 1]
+    rolls[: WINDOW // 2] &= rolls[WINDOW // 2]
+    edges = np.flatnonzero(np.diff(np.r_[False, rolls, False]))
+    begin, stop = max(edges.reshape(-1, 2).tolist(), key=lambda span: span[1] - span[0])
+    return trajectory.start + SPACING * begin, trajectory.start + SPACING * (stop - 1)
 
 
 def find_moment(thing: SolvedThing, clouds: list[SweepCloud], time: float) -> float:
