@@ -59,7 +59,7 @@ def _track(name: str, thing: SolvedThing, clouds: list[SweepCloud], clip: Clip) 
 def find_rolling_span(trajectory: Trajectory, box: TrackBox) -> tuple[float, float]:
     """Find the longest span, in seconds, in which a thing's box rolls along its heading.
 
-    All of the trajectory where that is short, or where the thing slides most of the time: then its heading is wrong.
+    All of the trajectory where that is short, or where the thing slides half of the time: then its heading is wrong.
     """
     knots = trajectory.knots
     if box.length <= WHEELED or len(knots) <= WINDOW:
@@ -76,11 +76,10 @@ def find_rolling_span(trajectory: Trajectory, box: TrackBox) -> tuple[float, flo
         return trajectory.start, trajectory.end
     rolls = np.ones(len(knots), bool)
     for first in np.flatnonzero(slides):
-        rolls[first + WINDOW // 2 : first + WINDOW // 2 + 2] = False
-    rolls[-WINDOW // 2 :] &= rolls[-WINDOW // 2 - 1]
-    rolls[: WINDOW // 2] &= rolls[WINDOW // 2]
-    edges = np.flatnonzero(np.diff(np.r_[False, rolls, False]))
-    begin, stop = max(edges.reshape(-1, 2).tolist(), key=lambda span: span[1] - span[0])
+        rolls[first + WINDOW // 2 : first + WINDOW // 2 + 2] = False  # one more knot than windows: some are left
+    rolls[: WINDOW // 2], rolls[-(WINDOW // 2) :] = rolls[WINDOW // 2], rolls[-(WINDOW // 2) - 1]
+    edges = np.flatnonzero(np.diff(np.r_[False, rolls, False])).reshape(-1, 2)
+    begin, stop = max(edges.tolist(), key=lambda span: span[1] - span[0])
     return trajectory.start + SPACING * begin, trajectory.start + SPACING * (stop - 1)
 
 
