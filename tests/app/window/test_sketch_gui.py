@@ -28,7 +28,7 @@ def test_one_looks_around_in_a_sketch_while_the_scene_is_read_or_leaves_it(tmp_p
         turned = window.wait_for(lambda now: now["sketch"]["pose"] != state["sketch"]["pose"], "the camera to turn")
         window.click(*middle)
         window.wait_for_message("Please wait until the whole scene has been read")
-        window.click_widget("menu File")
+        window.click_grey("menu File")
         window.wait_for_frames(4)
         assert "menu file.open" not in window.state["widgets"], "menus wait, too"
         pose = window.wait_until_calm()["sketch"]["pose"]

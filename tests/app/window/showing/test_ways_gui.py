@@ -34,7 +34,8 @@ def test_the_driving_car_changes_lane_and_is_parked(street_folder, tmp_path):
         assert 0.1 < aside @ left <= 3.6
         window.click_widget(f"instances.{FIRST_CAR}")
         window.wait_for_selection(FIRST_CAR)
-        choose(window, "move.park")
-        assert window.wait_until_calm()["cursor"] == 3, "what is parked is not parked again: the entry is grey"
+        window.click_widget("menu Move")
+        window.click_grey("menu move.park")
+        assert window.wait_until_calm()["cursor"] == 3, "what is parked is not parked again"
         window.key("Escape")
         assert window.quit() == 0
