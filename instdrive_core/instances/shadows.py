@@ -20,6 +20,8 @@ MIRRORED = 3
 """Value of that column for the splats of a side that nobody saw, mirrored from the other one."""
 LEARNED_SHADOW = 4
 """Value of that column for the splats of the shadow that photos show below an object that moves."""
+SHADOWS = (SHADOW, LEARNED_SHADOW)
+"""Values of that column for all shadows."""
 LOWEST, HIGHEST = -0.4, 0.3
 """Metres above the lower face of a moving object's box between which its shadow lies: boxes end beside the ground."""
 THICKNESS = 0.05
@@ -68,7 +70,7 @@ def name_splats(extra: Mapping[str, ndarray]) -> Int32[ndarray, " k"]:
     """Name what each splat stands for where a pixel is picked: its row; -1 for a shadow, through which one points at
     the ground. Empty where there are no shadows."""
     column = extra.get(SYNTHETIC)
-    shadows = np.zeros(0, bool) if column is None else (column == SHADOW) | (column == LEARNED_SHADOW)
+    shadows = np.zeros(0, bool) if column is None else np.isin(column, SHADOWS)
     if not shadows.any():
         return np.zeros(0, np.int32)
     return np.where(shadows, np.int32(-1), np.arange(len(shadows), dtype=np.int32))

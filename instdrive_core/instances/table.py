@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, UInt16, UInt32
+from jaxtyping import Bool, Float, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.instances.colormap import colors_from_ids

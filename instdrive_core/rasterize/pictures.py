@@ -15,7 +15,7 @@ from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.settings import choose_raster_settings
 from instdrive_core.rasterize.kernels.view_colors import compute_colors
-from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, Preview
+from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, Preview, blend_projected
 from instdrive_core.rasterize.preview.colors import know_colors
 from instdrive_core.rasterize.preview.projection import project_splats
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
@@ -92,7 +92,6 @@ def draw_picture(
 def _draw_rings(scene: Scene, camera: Camera, time: float) -> tuple[UInt8[ndarray, "h w 3"], UInt8[ndarray, "h w 1"]]:
     """Draw splats as ellipses with rims; also, from 0 to 255, where there are any."""
     gaussians, settings = scene.gaussians, choose_raster_settings(scene)
-    shown = view_scene(scene, camera, time, rule=RING_RULE)
     poses, present = scene.find_node_poses(time)
     means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     opacities = np.where(present[scene.nodes], gaussians.opacities, np.float32(0))
@@ -100,9 +99,11 @@ def _draw_rings(scene: Scene, camera: Camera, time: float) -> tuple[UInt8[ndarra
     log_scales = to_kernel_array(gaussians.log_scales)
     colors = compute_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
     source = know_colors(colors)
-    found = project_splats(means, quats, log_scales, opacities, camera, settings, source, Workspace())
-    picture = paint_rings(found, shown.winner, RING_RULE.min_alpha)
-    there = np.where(shown.winner >= 0, 255, 0).astype(np.uint8)[..., None]
+    workspace = Workspace()
+    found = project_splats(means, quats, log_scales, opacities, camera, settings, source, workspace)
+    winner = blend_projected(found, camera, workspace, settings, RING_RULE).winner
+    picture = paint_rings(found, winner, RING_RULE.min_alpha)
+    there = np.where(winner >= 0, 255, 0).astype(np.uint8)[..., None]
     return np.round(np.clip(picture, 0, 1) * 255).astype(np.uint8), there
 
 

@@ -64,10 +64,7 @@ def find_rolling_span(trajectory: Trajectory, box: TrackBox) -> tuple[float, flo
     knots = trajectory.knots
     if box.length <= WHEELED or len(knots) <= WINDOW:
         return trajectory.start, trajectory.end
-    cosine, sine = np.cos(knots[:, 2]), np.sin(knots[:, 2])
-    middles = knots[:, :2] + np.column_stack(
-        [cosine * box.center[0] - sine * box.center[1], sine * box.center[0] + cosine * box.center[1]]
-    )
+    middles = _place_middles(knots, box)
     way, heading = middles[WINDOW:] - middles[:-WINDOW], (knots[WINDOW:, 2] + knots[:-WINDOW, 2]) / 2
     along = np.abs(np.cos(heading) * way[:, 0] + np.sin(heading) * way[:, 1])
     across = np.abs(np.cos(heading) * way[:, 1] - np.sin(heading) * way[:, 0])
@@ -95,14 +92,20 @@ def find_moment(thing: SolvedThing, clouds: list[SweepCloud], time: float) -> fl
 
 def box_pose(thing: SolvedThing, box: TrackBox, time: float, clouds: list[SweepCloud]) -> Float64[ndarray, "4 4"]:
     """world_from_box of a thing at a moment; the box's y axis is its heading."""
-    x, y, yaw = thing.trajectory.poses_at(np.array([time]))[0]
-    cosine, sine = np.cos(yaw), np.sin(yaw)
+    at = thing.trajectory.poses_at(np.array([time]))
+    cosine, sine = np.cos(at[0, 2]), np.sin(at[0, 2])
     pose = np.eye(4)
     pose[:2, 0], pose[:2, 1] = (sine, -cosine), (cosine, sine)
-    pose[0, 3] = x + cosine * box.center[0] - sine * box.center[1]
-    pose[1, 3] = y + sine * box.center[0] + cosine * box.center[1]
+    pose[:2, 3] = _place_middles(at, box)[0]
     pose[2, 3] = ground_under(thing, time, clouds) + box.height / 2
     return pose
+
+
+def _place_middles(poses: Float64[ndarray, "t 3"], box: TrackBox) -> Float64[ndarray, "t 2"]:
+    """Where the middle of a thing's box is at some of its poses, metres."""
+    (x, y, yaw), (ahead, left) = poses.T, box.center
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([x + cosine * ahead - sine * left, y + sine * ahead + cosine * left])
 
 
 def ground_under(thing: SolvedThing, time: float, clouds: list[SweepCloud]) -> float:

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document, InstanceCounts
+from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.instances.table import Instance
 
 

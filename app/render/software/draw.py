@@ -34,7 +34,7 @@ from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSe
 from instdrive_core.rasterize.kernels.sky_behind import add_sky
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, Preview, blend_projected
 from instdrive_core.rasterize.preview.colors import ColorSource
-from instdrive_core.rasterize.preview.projection import project_part
+from instdrive_core.rasterize.preview.projection import project_part, project_splats
 from instdrive_core.rasterize.preview.splats import NO_NAMES, ProjectedSplats
 from instdrive_core.rasterize.splat_looks import DOT_LOG_SCALE, DOT_SETTINGS, RING_RULE, make_dots, paint_rings
 from instdrive_core.scene.camera import Camera
@@ -164,8 +164,7 @@ class SoftwareDraw:
             source = replace(source, remembered=self._colors.recall(placed, camera.position))
         # Rings and centres show splats, not what is seen of a scene: each can be pointed at.
         names = NO_NAMES if snapshot.view_mode in SPLAT_MODES else state.names
-        found = ProjectedSplats(len(placed.means), workspace, names)
-        project_part(*shapes, camera, settings, source, found)
+        found = project_splats(*shapes, camera, settings, source, workspace, names)
         check()
         self._finish(found, placed, camera, snapshot, settings)
 

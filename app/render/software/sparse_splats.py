@@ -11,7 +11,7 @@ from instdrive_core.formats.allocation import enlarge_splats
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.rasterize.preview.colors import ColorSource
-from instdrive_core.rasterize.preview.projection import project_part
+from instdrive_core.rasterize.preview.projection import project_splats
 from instdrive_core.rasterize.preview.splats import ProjectedSplats
 from instdrive_core.scene.camera import Camera
 
@@ -41,6 +41,4 @@ class SparseSplats:
         shapes = self._means, self._quats, self._log_scales, self._opacities
         frames = source.frames[self.rows] if len(source.frames) else source.frames
         own = replace(source, frames=frames, entries=source.entries[self.rows], sources=self.rows)
-        found = ProjectedSplats(len(self.rows), workspace, self._placed.name(self.rows))
-        project_part(*shapes, camera, settings, own, found)
-        return found
+        return project_splats(*shapes, camera, settings, own, workspace, self._placed.name(self.rows))

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.instances.shadows import LEARNED_SHADOW, MIRRORED, SHADOW, SYNTHETIC
+from instdrive_core.instances.shadows import LEARNED_SHADOW, MIRRORED, SHADOW, SHADOWS, SYNTHETIC
 from instdrive_core.scene.scene import Scene
 
 __all__ = [
@@ -30,7 +30,7 @@ def find_marked(document: Document, rows: Int64[ndarray, " n"], *values: int) ->
 
 def find_shadow(document: Document, rows: Int64[ndarray, " n"]) -> Bool[ndarray, " n"]:
     """Find which rows are of shadows, whether they were laid or learned."""
-    return find_marked(document, rows, SHADOW, LEARNED_SHADOW)
+    return find_marked(document, rows, *SHADOWS)
 
 
 def drop_shadows(document: Document, rows: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:

@@ -13,7 +13,7 @@ from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.preview.blend import blend_preview
 from instdrive_core.rasterize.preview.colors import know_colors
-from instdrive_core.rasterize.preview.projection import project_part
+from instdrive_core.rasterize.preview.projection import project_splats
 from instdrive_core.rasterize.preview.splats import NO_NAMES, ProjectedSplats
 from instdrive_core.rasterize.preview.tiles import bin_preview_splats
 from instdrive_core.scene.camera import Camera
@@ -78,8 +78,7 @@ def render_preview(
     )
     workspace = Workspace()
     source = know_colors(colors)
-    found = ProjectedSplats(len(means), workspace, names)
-    project_part(means, quats, log_scales, opacities, camera, settings, source, found)
+    found = project_splats(means, quats, log_scales, opacities, camera, settings, source, workspace, names)
     return blend_projected(found, camera, workspace, settings, rule)
 
 

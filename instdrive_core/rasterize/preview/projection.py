@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Int32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
@@ -53,6 +53,7 @@ from instdrive_core.rasterize.preview.splats import (
     AT_Y,
     MANY,
     NAMELESS,
+    NO_NAMES,
     ProjectedSplats,
 )
 from instdrive_core.scene.camera import Camera
@@ -72,12 +73,14 @@ def project_splats(
     settings: RasterSettings,
     source: ColorSource,
     workspace: Workspace,
+    names: Int32[ndarray, " k"] = NO_NAMES,
 ) -> ProjectedSplats:
     """Project, cull and colour splats; culled are those that `project` culls, and those that hold no pixel centre.
 
-    Colours are RGB (≥ 0) along the direction from the camera. The arrays are the workspace's.
+    Colours are RGB (≥ 0) along the direction from the camera; `names` are those of `ProjectedSplats`. The arrays are
+    the workspace's.
     """
-    found = ProjectedSplats(len(means), workspace)
+    found = ProjectedSplats(len(means), workspace, names)
     project_part(means, quats, log_scales, opacities, camera, settings, source, found)
     return found
 

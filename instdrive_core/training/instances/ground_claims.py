@@ -46,8 +46,8 @@ def claim_flat(
     counts = (groups >= 0) & (weights > 0) & (nodes == 0)
     on_ground = counts & is_ground[groups]
     fresh = np.flatnonzero(on_ground & (heights <= ON_GROUND))
-    flat = (heights + thicknesses <= FLAT) | _find_astray(groups, counts, means, heights)
-    free = np.flatnonzero(counts & ~on_ground & flat)
+    lying = (heights + thicknesses <= FLAT) | _find_astray(groups, counts, means, heights)
+    free = np.flatnonzero(counts & ~on_ground & lying)
     surface = means[:, 2] - np.minimum(heights, 0)  # what lies below the ground looks as if it lay on it
     places, claimed = np.column_stack([means[:, :2], UPWARDS * surface]), groups.copy()
     while len(fresh) and len(free):

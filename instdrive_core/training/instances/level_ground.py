@@ -56,13 +56,13 @@ class _Meetings:
     ratios: Float32[ndarray, "k 3"]
     """Logarithm of how many times brighter it is."""
 
-    def is_step(self) -> bool:
-        """Whether there are too few to tell, or half of them rise or fall."""
-        return len(self.steps) < MIN_MEETINGS or abs(float(np.median(self.steps))) > STEP
+    def is_level(self) -> bool:
+        """Whether there are enough of them, and half of them neither rise nor fall."""
+        return len(self.steps) >= MIN_MEETINGS and abs(float(np.median(self.steps))) <= STEP
 
     def is_shade(self) -> bool:
         """Whether one may be the other in another light."""
-        return not self.is_step() and float(np.ptp(np.median(self.ratios, axis=0))) <= TINT
+        return self.is_level() and float(np.ptp(np.median(self.ratios, axis=0))) <= TINT
 
     def join(self, other: _Meetings) -> _Meetings:
         """Join what was measured of two pairs."""
@@ -75,7 +75,7 @@ class _Meetings:
 
     def measure_difference(self) -> float:
         """Measure how much of the most that pieces of one surface may differ half of them do: above 1 they are two."""
-        if self.is_step():
+        if not self.is_level():
             return math.inf
         step, colors = abs(float(np.median(self.steps))), np.abs(np.median(self.colors, axis=0))
         return max(step / STEP, float(colors.max()) / COLOR_DIFFERENCE)

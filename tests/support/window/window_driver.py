@@ -277,8 +277,11 @@ class WindowDriver:
 
     def click_widget(self, name, *modifiers, button=1):
         """Click the middle of a widget, once it takes clicks: what it needs may still be computed."""
-        self.wait_for_widget(name)
-        self.wait_for(lambda state: name not in state["disabled"], f"the widget {name!r} to take clicks")
+
+        def takes_clicks(state):
+            return name in state["widgets"] and name not in state["disabled"]
+
+        self.wait_for(takes_clicks, f"the widget {name!r} to take clicks")
         self.click(*self.wait_for_widget(name), *modifiers, button=button)
 
     def click_grey(self, name):
