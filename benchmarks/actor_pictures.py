@@ -59,7 +59,7 @@ def largest_crops(clip: Clip, count: int) -> list[Crop]:
         for track in clip.tracks:
             if not (track.moving and track.covers(time)):
                 continue
-            seen = find_box_silhouette(camera, track.interpolate_pose(time), track.dimensions)
+            seen = find_box_silhouette(camera, track.interpolate_pose(time, camera.lag), track.dimensions)
             rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
             if not len(rows) or rows[0] == 0 or columns[0] == 0 or columns[-1] == camera.width - 1:
                 continue

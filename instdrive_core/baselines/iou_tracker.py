@@ -121,7 +121,7 @@ def _observe_view(model: SceneModel, store: ViewStore, cached: CachedView) -> _S
     labels, segment = view.labels.ravel(), cached.segments.segment.numpy()
     segment_of_label = np.full(int(labels.max()) + 1, -1, np.int64)
     segment_of_label[labels[cached.pixels]] = segment
-    poses = model.actor_poses.at(view.time, model.corrections)
+    poses = model.actor_poses.at(view.time, model.corrections, view.camera.lag)
     return _SeenView(
         camera=view.camera,
         step=store.facts[cached.number].step,

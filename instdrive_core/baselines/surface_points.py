@@ -43,7 +43,7 @@ def find_surface_points(model: SceneModel, cached: CachedView, camera: Camera, t
     """Find the point at the blended depth along each sampled pixel's ray."""
     rows = cached.rows.numpy()
     nodes = model.nodes[rows]
-    world_from_node = model.actor_poses.at(time, model.corrections).matrices
+    world_from_node = model.actor_poses.at(time, model.corrections, camera.lag).matrices
     means, quats = (model.parameters[name].detach().numpy()[rows] for name in ("means", "quats"))
     means, _ = place_in_world(means, quats, nodes, world_from_node)
     depths = camera.project(means)[1]

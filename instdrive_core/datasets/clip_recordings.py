@@ -61,8 +61,9 @@ def _describe_lens(frame: Frame) -> Lens:
 def _describe_photo(frame: Frame, origin: Float64[ndarray, "3"]) -> RecordedPhoto:
     pose = frame.view.camera.world_from_camera.copy()
     pose[:3, 3] += origin
-    view = frame.view
-    return RecordedPhoto(view.name, view.index, view.time + START, pose, Path(view.photo), partial(_open_photo, frame))
+    view, lag = frame.view, frame.view.camera.lag
+    taken = START + view.time + (0.0 if lag is None else lag.taken)
+    return RecordedPhoto(view.name, view.index, taken, pose, Path(view.photo), partial(_open_photo, frame))
 
 
 def _open_photo(frame: Frame) -> io.BufferedIOBase:

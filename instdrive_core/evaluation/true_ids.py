@@ -46,8 +46,8 @@ def find_true_ids(
         progress: is told frames done and in all.
     """
     votes, done = csr_array((0, len(scene)), dtype=np.float64), 0
-    for time, group in groupby(frames, key=lambda frame: frame.view.time):
-        world = place_world_gaussians(scene, time)
+    for (time, lag), group in groupby(frames, key=lambda frame: (frame.view.time, frame.view.camera.lag)):
+        world = place_world_gaussians(scene, time, lag)
         for frame in group:
             votes = _add_rows(votes, _collect_votes(world, frame, load_ids(frame), done), len(scene))
             done += 1

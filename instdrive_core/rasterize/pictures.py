@@ -92,7 +92,7 @@ def draw_picture(
 def _draw_rings(scene: Scene, camera: Camera, time: float) -> tuple[UInt8[ndarray, "h w 3"], UInt8[ndarray, "h w 1"]]:
     """Draw splats as ellipses with rims; also, from 0 to 255, where there are any."""
     gaussians, settings = scene.gaussians, choose_raster_settings(scene)
-    poses, present = scene.find_node_poses(time)
+    poses, present = scene.find_node_poses(time, camera.lag)
     means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     opacities = np.where(present[scene.nodes], gaussians.opacities, np.float32(0))
     means, quats, opacities = (to_kernel_array(array) for array in (means, quats, opacities))

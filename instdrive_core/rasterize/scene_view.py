@@ -27,6 +27,7 @@ def view_scene(
 ) -> Preview:
     """Draw the scene as it is at `time` (seconds); its colour has the sky, or black, behind it.
 
+    A photo's camera shows moving objects where the photo does (`Camera.lag`).
     No pixel stands for a splat of a shadow: what lies in the shadow is seen through it.
 
     Args:
@@ -35,7 +36,7 @@ def view_scene(
         settings: those that the scene was trained for by default.
     """
     gaussians = scene.gaussians
-    poses, present = scene.find_node_poses(time)
+    poses, present = scene.find_node_poses(time, camera.lag)
     means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     colors = compute_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
     opacities = gaussians.opacities

@@ -39,7 +39,7 @@ def measure_silhouettes(
     """
     pixels, boxes = np.zeros(count, np.int64), np.zeros((count, 4), np.int64)
     chosen = np.flatnonzero(groups >= 0)
-    poses, present = scene.find_node_poses(time)
+    poses, present = scene.find_node_poses(time, camera.lag)
     nodes = scene.nodes[chosen]
     chosen = chosen[present[nodes] != 0]
     nodes, gaussians = scene.nodes[chosen], scene.gaussians

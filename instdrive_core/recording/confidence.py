@@ -43,7 +43,7 @@ def count_seeing_photos(scene: Scene, views: Sequence[CameraView]) -> Int32[ndar
     for place, view in enumerate(views):
         report(place / len(views))
         camera = view.camera.scale(min(1.0, SMALL_WIDTH / view.camera.width))
-        poses, present = scene.find_node_poses(view.time)
+        poses, present = scene.find_node_poses(view.time, view.camera.lag)
         means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
         opacities = np.where(present[scene.nodes], gaussians.opacities, np.float32(0))
         shown = render(means, quats, gaussians.log_scales, opacities, nothing, camera, settings)
@@ -57,7 +57,7 @@ def count_seeing_photos(scene: Scene, views: Sequence[CameraView]) -> Int32[ndar
 def draw_confidence(scene: Scene, view: CameraView, trusted: Bool[ndarray, " n"]) -> Float32[ndarray, "h w"]:
     """Draw the share of each pixel's weight that comes from `trusted` splats; 0 where no splat is."""
     gaussians = scene.gaussians
-    poses, present = scene.find_node_poses(view.time)
+    poses, present = scene.find_node_poses(view.time, view.camera.lag)
     means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     opacities = np.where(present[scene.nodes], gaussians.opacities, np.float32(0))
     colors = np.repeat(trusted.astype(np.float32)[:, None], 3, axis=1)

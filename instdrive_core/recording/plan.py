@@ -95,8 +95,12 @@ def plan_camera_views(scene: Scene, options: RecordOptions) -> tuple[CameraView,
 
 
 def plan_rig_views(scene: Scene, options: RecordOptions) -> tuple[CameraView, ...]:
-    """Plan the views of the drive's cameras at all moments, on the way that is recorded: where the car is."""
-    return tuple(reroute_views(choose_views(scene), options.ego, scene.origin))
+    """Plan the views of the drive's cameras at all moments, on the way that is recorded: where the car is.
+
+    All cameras and the LiDAR of a recorded drive look at the same instant.
+    """
+    views = [replace(view, camera=replace(view.camera, lag=None)) for view in choose_views(scene)]
+    return tuple(reroute_views(views, options.ego, scene.origin))
 
 
 def describe_view(view: CameraView) -> dict[str, Any]:

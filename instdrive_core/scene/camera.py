@@ -8,6 +8,53 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from numpy import ndarray
 
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PhotoLag:
+    """How much later than a turning LiDAR a photo shows things, by their direction from it.
+
+    Boxes of a time step stand where the LiDAR met their objects, at an instant of its own for each direction; a photo
+    shows them all at one instant. Two photos of a step may show the same car half a metre apart.
+    """
+
+    center: Vector
+    """Where the LiDAR stands, metres in the scene."""
+    start: Vector
+    """Unit direction in which its turn began."""
+    left: Vector
+    """Unit direction a quarter turn counterclockwise of it, seen from above."""
+    turn: float
+    """Seconds of a whole turn; negative = clockwise."""
+    began: float
+    """When the turn began, seconds after the time step; often negative."""
+    taken: float
+    """When the photo was taken, likewise."""
+
+    def find(self, place: Float[ndarray, "3"]) -> float:
+        """Find the seconds by which the photo shows what is at `place` later than the LiDAR met it there."""
+        away = place - np.array(self.center)
+        turned = np.sign(self.turn) * np.arctan2(away @ np.array(self.left), away @ np.array(self.start))
+        return self.taken - self.began - abs(self.turn) * float(turned / (2 * np.pi) % 1.0)
+
+    def transform(self, matrix: Float64[ndarray, "3 4"]) -> PhotoLag:
+        """Transform it by [s R | t], with the scene."""
+        center = matrix[:, :3] @ self.center + matrix[:, 3]
+        start, left = (matrix[:, :3] @ side / np.linalg.norm(matrix[:, 0]) for side in (self.start, self.left))
+        return replace(self, center=_to_vector(center), start=_to_vector(start), left=_to_vector(left))
+
+    @staticmethod
+    def look_from(center: Float[ndarray, "3"], start: float, turn: float, began: float, taken: float) -> PhotoLag:
+        """Build it of a LiDAR that stands upright and begins to turn in the direction `start`, radians from x."""
+        sides = [np.cos(start), np.sin(start), 0.0], [-np.sin(start), np.cos(start), 0.0]
+        return PhotoLag(_to_vector(center), *(_to_vector(np.array(side)) for side in sides), turn, began, taken)
+
+
+def _to_vector(array: Float[ndarray, "3"]) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -21,6 +68,8 @@ class Camera:
     height: int
     world_from_camera: Float64[ndarray, "4 4"]
     """Rigid, relative to the scene's origin (metres)."""
+    lag: PhotoLag | None = None
+    """Of a photo; None = things are shown where they are at the time step."""
 
     @property
     def camera_from_world(self) -> Float64[ndarray, "4 4"]:

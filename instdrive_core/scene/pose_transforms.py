@@ -31,9 +31,9 @@ def transform_track(track: Track, matrix: Similarity) -> Track:
 
 def transform_view(view: CameraView, matrix: Similarity) -> CameraView:
     """Transform a photo's camera by [s R | t]; it sees the same picture of a scene that is transformed with it."""
-    return replace(
-        view, camera=replace(view.camera, world_from_camera=transform_pose(view.camera.world_from_camera, matrix))
-    )
+    camera, pose = view.camera, transform_pose(view.camera.world_from_camera, matrix)
+    lag = None if camera.lag is None else camera.lag.transform(matrix)
+    return replace(view, camera=replace(camera, world_from_camera=pose, lag=lag))
 
 
 def rotate_sky(sky: Sky, rotation: Float[ndarray, "3 3"]) -> Sky:

@@ -14,7 +14,7 @@ from instdrive_core.maths.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
-from instdrive_core.scene.camera import Camera, CameraView
+from instdrive_core.scene.camera import Camera, CameraView, PhotoLag
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.seen_moving import SeenMover
@@ -72,9 +72,12 @@ class Scene:
     def __len__(self) -> int:
         return len(self.gaussians)
 
-    def find_node_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
-        """Find world_from_node of background and actors at `time` (s), and which of them exist then."""
-        return find_node_poses(self.actors, time)
+    def find_node_poses(
+        self, time: float, lag: PhotoLag | None = None
+    ) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+        """Find world_from_node of background and actors at `time` (s), as a photo with this `lag` shows them, and which
+        of them exist then."""
+        return find_node_poses(self.actors, time, lag)
 
 
 def scene_from_gaussians(gaussians: Gaussians) -> Scene:

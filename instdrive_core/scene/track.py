@@ -10,6 +10,7 @@ from jaxtyping import Float, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.maths.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
+from instdrive_core.scene.camera import PhotoLag
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,14 @@ class Track:
         places = self.world_from_box[:, :3, 3]
         return np.array([np.interp(time, self.times, places[:, axis]) for axis in range(3)])
 
-    def interpolate_pose(self, time: float) -> Float64[ndarray, "4 4"]:
-        """Interpolate world_from_box at `time`: linear and slerp between neighbours, clamped at the ends."""
-        return self.interpolate_poses(np.array([time], np.float64))[0]
+    def find_shown_time(self, time: float, lag: PhotoLag | None) -> float:
+        """Find the moment of this track that a photo of the step at `time` shows."""
+        return time if lag is None else time + lag.find(self.interpolate_position(time))
+
+    def interpolate_pose(self, time: float, lag: PhotoLag | None = None) -> Float64[ndarray, "4 4"]:
+        """Interpolate world_from_box at `time`, as a photo with this `lag` shows it: linear and slerp between
+        neighbours, clamped at the ends."""
+        return self.interpolate_poses(np.array([self.find_shown_time(time, lag)], np.float64))[0]
 
     def interpolate_poses(self, times: Float64[ndarray, " k"]) -> Float64[ndarray, "k 4 4"]:
         """Interpolate world_from_box at many `times` (seconds), for each as `interpolate_pose` does."""
@@ -52,10 +58,13 @@ class Track:
         return _blend_poses(self.world_from_box[lower], self.world_from_box[upper], shares)
 
 
-def interpolate_tracks(tracks: Sequence[Track], time: float) -> Float64[ndarray, "m 4 4"]:
-    """Interpolate world_from_box of many tracks at one `time` (seconds), for each as its `interpolate_pose` does."""
+def interpolate_tracks(
+    tracks: Sequence[Track], step_time: float, lag: PhotoLag | None = None
+) -> Float64[ndarray, "m 4 4"]:
+    """Interpolate world_from_box of many tracks at one time (seconds), for each as its `interpolate_pose` does."""
     ends, shares = np.empty((2, len(tracks), 4, 4)), np.zeros(len(tracks))
     for place, track in enumerate(tracks):
+        time = track.find_shown_time(step_time, lag)
         upper, last = int(np.searchsorted(track.times, time)), len(track.times) - 1
         lower, upper = max(upper - 1, 0), min(upper, last)
         ends[:, place] = track.world_from_box[lower], track.world_from_box[upper]
@@ -64,10 +73,13 @@ def interpolate_tracks(tracks: Sequence[Track], time: float) -> Float64[ndarray,
     return _blend_poses(ends[0], ends[1], shares)
 
 
-def find_node_poses(actors: Sequence[Track], time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
-    """Find world_from_node of background and actors at `time` (seconds), and which of them exist then."""
+def find_node_poses(
+    actors: Sequence[Track], time: float, lag: PhotoLag | None = None
+) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+    """Find world_from_node of background and actors at `time` (seconds), as a photo with this `lag` shows them, and
+    which of them exist then."""
     present = [True, *(actor.covers(time) for actor in actors)]
-    return np.concatenate([np.eye(4)[None], interpolate_tracks(actors, time)]), np.array(present, np.uint8)
+    return np.concatenate([np.eye(4)[None], interpolate_tracks(actors, time, lag)]), np.array(present, np.uint8)
 
 
 def _blend_poses(

@@ -15,6 +15,7 @@ from instdrive_core.formats.registry import open_scene
 from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.pose_transforms import transform_view
 from instdrive_core.scene.scene import Scene
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.checkpoint import Checkpoint, restore_trainer
@@ -107,12 +108,8 @@ def move_to_origin(scene: Scene, origin: Float64[ndarray, "3"]) -> Gaussians:
 
 def move_views(scene: Scene, origin: Float64[ndarray, "3"]) -> tuple[CameraView, ...]:
     """Copy the scene's views, moved to another origin."""
-    shift = np.eye(4)
-    shift[:3, 3] = scene.origin - origin
-    return tuple(
-        replace(view, camera=replace(view.camera, world_from_camera=shift @ view.camera.world_from_camera))
-        for view in scene.views
-    )
+    shift = np.column_stack([np.eye(3), scene.origin - origin])
+    return tuple(transform_view(view, shift) for view in scene.views)
 
 
 def is_any_visible(means: Float32[ndarray, "n 3"], store: ViewStore) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from little_scenes import plain_splats, small_camera
@@ -10,6 +12,7 @@ from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.rasterize.kernels.sky_behind import render_sky_behind
 from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.gaussians import Gaussians, create_empty_gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 from instdrive_core.scene.sky import Sky
@@ -55,6 +58,16 @@ def test_actors_are_where_their_track_puts_them_and_only_then() -> None:
     assert shown[2.0].color[SEEN_AT][1] > 0.8
     assert shown[0.0].color[SEEN_AT][0] > 0.8
     np.testing.assert_array_equal(shown[0.0].winner == 1, False)
+
+
+def test_a_photo_shows_actors_where_they_are_when_it_is_taken() -> None:
+    scene = street()
+    early = PhotoLag.look_from(np.zeros(3), 0.0, 2.0, 0.0, 0.0)
+    place = scene.actors[0].interpolate_position(3.0)
+    taken = 2.0 - 3.0 - early.find(place)  # so that the photo of step 3 shows the actor as it is at 2 s
+    photo = replace(CAMERA, lag=replace(early, taken=taken))
+    assert build_instance_map(scene, view_scene(scene, photo, 3.0))[SEEN_AT] == 9
+    assert build_instance_map(scene, view_scene(scene, CAMERA, 3.0))[SEEN_AT] == 7
 
 
 def test_the_sky_fills_what_the_gaussians_leave() -> None:

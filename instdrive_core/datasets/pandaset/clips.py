@@ -4,9 +4,8 @@ Layout and conventions follow the PandaSet devkit: poses are camera→world with
 points are in the world. JSON files may list more time steps than there are files; whatever file is missing is left
 out of the clip.
 
-A clip has one time per step. The photos of a step are taken while the spinning LiDAR points the same way, and
-cuboids describe objects as that LiDAR met them: so the cuboids of step i fit the photos of step i as they are, and
-interpolating them to each photo's own timestamp would move them away from it.
+A clip has one time per step. Its photos are taken one after the other while the spinning LiDAR goes round, and cuboids
+describe objects where that LiDAR met them. The photos' cameras know by how much the two differ (`PhotoLag`).
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, Sweep, choose_origin, is_held_out
 from instdrive_core.datasets.frame_range import build_range_test, describe_steps
+from instdrive_core.datasets.laser_turn import add_photo_lags
 from instdrive_core.datasets.pandaset.cuboids import load_tracks
 from instdrive_core.datasets.pandaset.lidar import FARTHEST, load_sweep
 from instdrive_core.datasets.photos import load_photo, read_photo_size
@@ -63,6 +63,8 @@ class _CameraFiles:
     """At full size; its pose is unset."""
     poses: Float64[ndarray, "t 4 4"]
     photos: dict[int, Path]
+    stamps: list[float]
+    """When each photo was taken, by time step; empty where no file says so."""
 
 
 def holds_pandaset(path: str | Path) -> bool:
@@ -114,6 +116,12 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         for index in sorted(list_numbered_files(root / "lidar"))
         if first <= index <= last
     ]
+    taken = {
+        f"{camera.name}/{index:02d}": camera.stamps[index] - start
+        for camera in cameras
+        for index in camera.photos
+        if index < len(camera.stamps)
+    }
     # Where there is not one sweep, training starts as from any other photos.
     points = None if sweeps else SparsePoints.none()
     tracks, merged = load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin)
@@ -122,7 +130,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         path=str(root),
         name=root.resolve().name,
         origin=origin,
-        frames=tuple(frames),
+        frames=tuple(add_photo_lags(frames, sweeps, taken)),
         sweeps=tuple(sweeps),
         tracks=tracks,
         class_names=classes,
@@ -200,7 +208,12 @@ def _load_camera(folder: Path) -> _CameraFiles:
         Camera(fx, fy, cx, cy, width, height, np.eye(4)),
         np.array([_parse_pose(poses_file, index, pose) for index, pose in enumerate(poses)]).reshape(-1, 4, 4),
         photos,
+        _read_stamps(folder / "timestamps.json"),
     )
+
+
+def _read_stamps(file: Path) -> list[float]:
+    return require_numbers(file, read_json(file), "the list of timestamps") if file.is_file() else []
 
 
 def _parse_pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:

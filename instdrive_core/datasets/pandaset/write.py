@@ -40,7 +40,8 @@ def write_pandaset(recording: Recording, folder: Path) -> Path:
         near = [photos[min(photos, key=lambda known, step=step: abs(known - step))] for step in numbers]
         write_json_file(place / "poses.json", [describe_pose(photo.world_from_camera) for photo in near])
         write_json_file(place / "intrinsics.json", {key: getattr(camera, key) for key in ("fx", "fy", "cx", "cy")})
-        write_json_file(place / "timestamps.json", stamps)
+        taken = {step: photo.time for step, photo in photos.items()}
+        write_json_file(place / "timestamps.json", [taken.get(step, recording.step_times[step]) for step in numbers])
     write_json_file(folder / "meta" / "timestamps.json", stamps)
     if recording.sweeps:
         _write_sweeps(recording, folder / "lidar", numbers, stamps)

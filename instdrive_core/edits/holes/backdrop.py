@@ -281,7 +281,7 @@ def _draw(
     scene: Scene, fills: list[Gaussians], camera: Camera, time: float
 ) -> tuple[Float[ndarray, "h w 3"], Float[ndarray, "h w"], Float[ndarray, "h w"], Float[ndarray, "h w"]]:
     """Colour over the sky, alpha and depth of the scene with what fills it, and where it shows compact objects."""
-    poses, present = scene.find_node_poses(time)
+    poses, present = scene.find_node_poses(time, camera.lag)
     added = concatenate_gaussians(fills)
     placed = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     means, quats = (np.concatenate(parts) for parts in zip(placed, (added.means, added.quats), strict=True))

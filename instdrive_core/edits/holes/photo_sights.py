@@ -19,7 +19,7 @@ from instdrive_core.edits.document.synthetic_rows import SYNTHETIC, find_learned
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_weights, weigh_projected
 from instdrive_core.rasterize.kernels.project import Projection, project
 from instdrive_core.rasterize.kernels.settings import RasterSettings, choose_raster_settings
-from instdrive_core.scene.camera import Camera, CameraView
+from instdrive_core.scene.camera import Camera, CameraView, PhotoLag
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.transforms import copy_shapes_at_home
@@ -73,7 +73,7 @@ class PhotographedSplats:
         self._parts: Float32[ndarray, "n 2"] = np.stack([self.own, self.own | _mark(len(scene), kept)], 1).astype(
             np.float32
         )
-        self._placed: tuple[float, tuple[ndarray, ndarray, ndarray]] | None = None
+        self._placed: tuple[tuple[float, PhotoLag | None], tuple[ndarray, ndarray, ndarray]] | None = None
 
     def look(self, view: CameraView, camera: Camera) -> PhotoSight:
         """Look at a part of a photo, of which `camera` is the camera, with and without the thing."""
@@ -122,26 +122,29 @@ class PhotographedSplats:
     def _project(self, time: float, camera: Camera, rows: Int64[ndarray, " k"] | None) -> Projection:
         """Project what the photos show, or some rows, whose places among these the projection then names."""
         if rows is None:
-            means, quats, opacities = self._place(time)
+            means, quats, opacities = self._place(time, camera.lag)
             return project(means, quats, self.shapes.log_scales, opacities, camera, self.settings)
-        poses, present = self.scene.find_node_poses(time)
+        poses, present = self.scene.find_node_poses(time, camera.lag)
         nodes = self.scene.nodes[rows]
         means, quats = place_in_world(self.shapes.means[rows], self.shapes.quats[rows], nodes, poses)
         opacities = np.where(present[nodes], self.opacities[rows], np.float32(0))
         return project(means, quats, self.shapes.log_scales[rows], opacities, camera, self.settings)
 
-    def _place(self, time: float) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n 4"], Float32[ndarray, " n"]]:
+    def _place(
+        self, time: float, lag: PhotoLag | None
+    ) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n 4"], Float32[ndarray, " n"]]:
         """Means, quaternions and opacities of what the photos show at `time` (s): several cameras show one moment."""
-        if self._placed is None or self._placed[0] != time:
-            poses, present = self.scene.find_node_poses(time)
+        if self._placed is None or self._placed[0] != (time, lag):
+            poses, present = self.scene.find_node_poses(time, lag)
             nodes = self.scene.nodes
             means, quats = place_in_world(self.shapes.means, self.shapes.quats, nodes, poses)
-            self._placed = time, (means, quats, np.where(present[nodes] & self.shown, self.opacities, np.float32(0)))
+            opacities = np.where(present[nodes] & self.shown, self.opacities, np.float32(0))
+            self._placed = (time, lag), (means, quats, opacities)
         return self._placed[1]
 
     def _find_nearest(self, time: float, camera: Camera) -> float:
         forward = camera.camera_from_world[2]
-        return float(np.quantile(self._place(time)[0][self.own] @ forward[:3] + forward[3], NEAR_SHARE))
+        return float(np.quantile(self._place(time, camera.lag)[0][self.own] @ forward[:3] + forward[3], NEAR_SHARE))
 
 
 def _mark(count: int, rows: Int64[ndarray, " k"]) -> Bool[ndarray, " n"]:

@@ -90,7 +90,7 @@ def ask_photos(document: Document, number: int, rows: Int64[ndarray, " k"]) -> P
     own = scene.instance_ids == number
     looks = []
     for view, camera in _choose_views(photographed, points, node):
-        poses, present = photographed.find_node_poses(view.time)
+        poses, present = photographed.find_node_poses(view.time, view.camera.lag)
         gaussians = scene.gaussians
         means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
         opacities = np.where(trained & present[scene.nodes], sigmoid(gaussians.opacity_logits), np.float32(0))
@@ -120,7 +120,7 @@ def _choose_views(photographed: Scene, points: Float64[ndarray, "k 3"], node: in
     """Views in which the points span most pixels, and the cameras of the parts that do."""
     found = []
     for view in photographed.views:
-        poses, present = photographed.find_node_poses(view.time)
+        poses, present = photographed.find_node_poses(view.time, view.camera.lag)
         if not present[node]:
             continue
         pixels, depths = view.camera.project(_place(points, poses[node]))

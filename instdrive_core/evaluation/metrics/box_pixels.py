@@ -33,11 +33,11 @@ def find_box_silhouette(
 
 
 def find_moving_box_pixels(camera: Camera, tracks: Iterable[Track], time: float) -> Bool[ndarray, "h w"]:
-    """Find pixels that show the boxes of moving objects at `time` (seconds)."""
+    """Find pixels that show the boxes of moving objects at the time step `time` (seconds)."""
     shown = np.zeros((camera.height, camera.width), bool)
     for track in tracks:
         if track.moving and track.covers(time):
-            shown |= find_box_silhouette(camera, track.interpolate_pose(time), track.dimensions)
+            shown |= find_box_silhouette(camera, track.interpolate_pose(time, camera.lag), track.dimensions)
     return shown
 
 

@@ -19,6 +19,7 @@ from instdrive_core.rasterize.kernels.sky_behind import render_sky_behind
 from instdrive_core.rasterize.kernels.view_colors import compute_colors
 from instdrive_core.rasterize.partial_redraw import redraw_without_rows
 from instdrive_core.rasterize.render import Raster, render, render_backward
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track, find_points_inside
 
@@ -122,12 +123,12 @@ class _Drawing:
 
     def __init__(self, scene: Scene, frame: Frame, boxes: Sequence[Track | None]) -> None:
         camera, time = frame.view.camera, frame.view.time
-        world, (poses, _) = place_world_gaussians(scene, time), scene.find_node_poses(time)
+        world, (poses, _) = place_world_gaussians(scene, time, camera.lag), scene.find_node_poses(time, camera.lag)
         gaussians = scene.gaussians
         colors = compute_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
         channels = np.zeros((len(colors), 3 + len(boxes)), np.float32)
         channels[:, :3] = colors
-        self.inside = [_find_rows_inside(world, box, time) for box in boxes]
+        self.inside = [_find_rows_inside(world, box, time, camera.lag) for box in boxes]
         for column, rows in enumerate(self.inside):
             channels[rows, 3 + column] = 1
         self.raster = render(world.means, world.quats, world.log_scales, world.opacities, channels, camera)
@@ -164,11 +165,13 @@ def _sum_channels(image: Float32[ndarray, "h w c"]) -> Float64[ndarray, " boxes"
     return image[..., 3:].sum(axis=(0, 1), dtype=np.float64)
 
 
-def _find_rows_inside(world: WorldGaussians, box: Track | None, time: float) -> Int64[ndarray, " k"]:
+def _find_rows_inside(
+    world: WorldGaussians, box: Track | None, time: float, lag: PhotoLag | None
+) -> Int64[ndarray, " k"]:
     """Find Gaussians whose centre is in a box, its bottom cut off."""
     if box is None or not box.covers(time):
         return np.zeros(0, np.int64)
-    pose = box.interpolate_pose(time)
+    pose = box.interpolate_pose(time, lag)
     reach, middle = np.float32(np.linalg.norm(box.dimensions) / 2), pose[:3, 3].astype(np.float32)
     near = np.flatnonzero(
         (np.abs(world.means[:, :2] - middle[:2]) <= reach).all(axis=1)

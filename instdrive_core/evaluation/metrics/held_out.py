@@ -64,7 +64,8 @@ def measure_held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: 
         ignored = ignored | sky
     codewords = None
     if scene.code_bits:
-        codewords = render_codeword_map(place_world_gaussians(scene, time), scene.gaussians.features, camera)
+        world = place_world_gaussians(scene, time, camera.lag)
+        codewords = render_codeword_map(world, scene.gaussians.features, camera)
     return HeldOutView(
         frame=frame,
         truth=prepare_truth(ground_truth.load(frame), ignored),

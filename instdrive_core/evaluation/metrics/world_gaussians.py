@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.scene import Scene, place_in_world
 
 
@@ -21,9 +22,12 @@ class WorldGaussians:
     opacities: Float32[ndarray, " n"]
 
 
-def place_world_gaussians(scene: Scene, time: float) -> WorldGaussians:
-    """Place every actor at `time` (seconds); actors whose track does not cover it are absent."""
-    poses, present = scene.find_node_poses(time)
+def place_world_gaussians(scene: Scene, time: float, lag: PhotoLag | None = None) -> WorldGaussians:
+    """Place every actor at `time` (seconds), as a photo with this `lag` shows it.
+
+    Actors whose track does not cover it are absent.
+    """
+    poses, present = scene.find_node_poses(time, lag)
     means, quats = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     there = present[scene.nodes] > 0
     opacities = np.where(there, scene.gaussians.opacities, np.float32(0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.formats.folder.arrays import EXTRA
 from instdrive_core.formats.ply.columns import check_extra_column
 from instdrive_core.instances.table import Instance, InstanceTable, compute_middle_bounds, find_main_nodes
-from instdrive_core.scene.camera import Camera, CameraView
+from instdrive_core.scene.camera import Camera, CameraView, PhotoLag
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
@@ -69,6 +69,7 @@ def _describe_view(view: CameraView) -> dict[str, Any]:
         "width": int(camera.width),
         "height": int(camera.height),
         "intrinsics": [float(value) for value in (camera.fx, camera.fy, camera.cx, camera.cy)],
+        **({} if camera.lag is None else {"lag": asdict(camera.lag)}),
     }
 
 
@@ -172,7 +173,7 @@ def _parse_views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> t
             )
         views.append(
             CameraView(
-                camera=Camera(fx, fy, cx, cy, width, height, pose),
+                camera=Camera(fx, fy, cx, cy, width, height, pose, _parse_lag(entry)),
                 name=require_whole_text(entry["name"]),
                 index=int(entry["index"]),
                 time=float(entry["time"]),
@@ -181,6 +182,18 @@ def _parse_views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> t
             )
         )
     return tuple(views)
+
+
+def _parse_lag(entry: dict[str, Any]) -> PhotoLag | None:
+    if "lag" not in entry:
+        return None
+    written = entry["lag"]
+    center, start, left = ([float(value) for value in written[name]] for name in ("center", "start", "left"))
+    turn, began, taken = (float(written[name]) for name in ("turn", "began", "taken"))
+    numbers = (*center, *start, *left, turn, began, taken)
+    if not len(center) == len(start) == len(left) == 3 or not all(map(math.isfinite, numbers)) or turn == 0:
+        raise ValueError(f"view {entry['name']}/{entry['index']} has the lag {written}")
+    return PhotoLag((*center,), (*start,), (*left,), turn, began, taken)
 
 
 def _parse_mover(entry: dict[str, Any]) -> SeenMover:

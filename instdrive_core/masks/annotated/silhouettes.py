@@ -47,9 +47,8 @@ def draw_objects(
     for number, track in cloud.tracks.items():
         if not track.covers(view.time):
             continue
-        found = _draw_silhouette(
-            number, cloud.models[number], track.interpolate_pose(view.time), track.dimensions, view.camera
-        )
+        pose = track.interpolate_pose(view.time, view.camera.lag)
+        found = _draw_silhouette(number, cloud.models[number], pose, track.dimensions, view.camera)
         if found is None:
             continue
         height, width = found.inside.shape

@@ -113,7 +113,7 @@ class LidarLabels:
         """IDs where points were drawn, else `OPEN`, and depths."""
         wide = self._scene.ids < self._scene.first_thing
         labels, depths = draw_points(self._scene.points[wide], self._scene.ids[wide], camera, POINT_SIZE)
-        draw_things(self._things | self._scene.place_moving(time), camera, labels, depths)
+        draw_things(self._things | self._scene.place_moving(time, camera.lag), camera, labels, depths)
         return np.where(np.isfinite(depths) & (labels > 0), labels.astype(np.int32), OPEN), depths
 
     def _compute_limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l+1"]:

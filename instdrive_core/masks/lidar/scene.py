@@ -33,6 +33,7 @@ from instdrive_core.masks.lidar.ground import GroundSurface, find_ground, is_gro
 from instdrive_core.masks.lidar.moving_points import ClusteredSweep, find_moving_clusters
 from instdrive_core.masks.lidar.point_shape import compute_point_shape
 from instdrive_core.masks.lidar.walls import join_wide, part_walls, recognize_stuff
+from instdrive_core.scene.camera import PhotoLag
 
 MAX_DISTANCE = 90.0
 """Metres from the sensor up to which points are used."""
@@ -84,13 +85,17 @@ class LidarScene:
         parts = np.split(order, starts[1:])
         return {int(self.ids[rows[0]]): self.points[rows] for rows in parts if len(rows)}
 
-    def place_moving(self, time: float) -> dict[int, Float32[ndarray, "k 3"]]:
-        """Place the points of each moving thing: carried to `time` from the nearest sweep."""
+    def place_moving(self, time: float, photo_lag: PhotoLag | None = None) -> dict[int, Float32[ndarray, "k 3"]]:
+        """Place the points of each moving thing, as a photo of the step at `time` shows them: carried from the nearest
+        sweep."""
         if not self.moving:
             return {}
         sweep_time = min(self.moving, key=lambda known: (abs(known - time), known))
-        lag = time - sweep_time
-        return {one.id: one.points + (one.velocity * lag).astype(np.float32) for one in self.moving[sweep_time]}
+        placed = {}
+        for one in self.moving[sweep_time]:
+            passed = time - sweep_time + (0 if photo_lag is None else photo_lag.find(one.points.mean(axis=0)))
+            placed[one.id] = one.points + (one.velocity * passed).astype(np.float32)
+        return placed
 
 
 @dataclass(frozen=True)

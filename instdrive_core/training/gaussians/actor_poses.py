@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Float64, Int
 from numpy import ndarray
 from torch import Tensor
 
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.track import Track
 
 _SKEW = torch.tensor(
@@ -88,7 +89,7 @@ class ActorPoses:
         """Row of each track's first key; at the end K."""
         self._learned = [_find_learned_keys(track, photo_times) for track in tracks]
         """Keys of each track that have a correction of their own."""
-        self._moments: dict[float, _Moment] = {}
+        self._moments: dict[tuple[float, PhotoLag | None], _Moment] = {}
 
     @property
     def key_count(self) -> int:
@@ -99,9 +100,19 @@ class ActorPoses:
         """Make corrections that change nothing: zero `track_shifts` and `track_turns`, (K, 3) each."""
         return {name: torch.zeros(self.key_count, 3) for name in ("track_shifts", "track_turns")}
 
-    def at(self, time: float, corrections: Mapping[str, Float[Tensor, "k 3"]] | None = None) -> NodePoses:
-        """Compute the poses of all nodes at `time` (seconds); without corrections the tracks give them."""
-        moment = self._moment(time)
+    def at(
+        self,
+        time: float,
+        corrections: Mapping[str, Float[Tensor, "k 3"]] | None = None,
+        lag: PhotoLag | None = None,
+    ) -> NodePoses:
+        """Compute the poses of all nodes at `time` (seconds), as a photo with this `lag` shows them.
+
+        Without corrections the tracks give them.
+        """
+        if (time, lag) not in self._moments:
+            self._moments[time, lag] = self._find_moment(time, lag)
+        moment = self._moments[time, lag]
         if corrections is None:
             return moment.plain
         rotations, shifts = _correct(moment.rotations, moment.shifts, moment.between.interpolate(_on_cpu(corrections)))
@@ -133,17 +144,13 @@ class ActorPoses:
         parts = np.split(poses, self._starts[1:-1])
         return tuple(replace(track, world_from_box=part) for track, part in zip(self.tracks, parts, strict=True))
 
-    def _moment(self, time: float) -> _Moment:
-        if time not in self._moments:
-            self._moments[time] = self._moment_of_tracks(time)
-        return self._moments[time]
-
-    def _moment_of_tracks(self, time: float) -> _Moment:
+    def _find_moment(self, time: float, lag: PhotoLag | None) -> _Moment:
         present = np.array([True, *(track.covers(time) for track in self.tracks)])
         nodes = np.flatnonzero(present[1:]) + 1
         matrices = np.tile(np.eye(4), (len(present), 1, 1))
-        for node in nodes.tolist():
-            matrices[node] = self.tracks[node - 1].interpolate_pose(time)
+        shown = {node: self.tracks[node - 1].find_shown_time(time, lag) for node in nodes.tolist()}
+        for node, moment in shown.items():
+            matrices[node] = self.tracks[node - 1].interpolate_pose(moment)
         rotations, shifts = torch.from_numpy(matrices[:, :3, :3].copy()), torch.from_numpy(matrices[:, :3, 3].copy())
         index = torch.from_numpy(nodes)
         return _Moment(
@@ -151,7 +158,7 @@ class ActorPoses:
             nodes=index,
             rotations=rotations[index],
             shifts=shifts[index],
-            between=_join_places([self._between(node, np.array([time])) for node in nodes.tolist()]),
+            between=_join_places([self._between(node, np.array([moment])) for node, moment in shown.items()]),
         )
 
     def _between(self, node: int, times: Float64[ndarray, " p"]) -> tuple[ndarray, ndarray, ndarray]:

@@ -89,7 +89,7 @@ class EditGuard:
         """The weight of edited Gaussians in each pixel; None where none may be seen."""
         start, backend = self._start, self._backend
         camera = replace(view.camera, world_from_camera=self._poses[number])
-        poses = start.actor_poses.at(view.time, start.corrections)
+        poses = start.actor_poses.at(view.time, start.corrections, camera.lag)
         rows, nodes = find_rows_of_view(start, backend, poses, camera)
         edited: Tensor = self._edited_rows[rows]
         if not bool(edited.any()):

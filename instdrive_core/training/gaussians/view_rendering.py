@@ -59,7 +59,7 @@ def render_view(
     With `with_features` a feature map is rendered, too; it sends no gradient into geometry. `tags` are constants of
     each Gaussian, on the backend's device, blended like colours; they send gradient into geometry.
     """
-    poses = model.actor_poses.at(time, model.corrections)
+    poses = model.actor_poses.at(time, model.corrections, camera.lag)
     rows, nodes = find_rows_of_view(model, backend, poses, camera)
     names = (*GEOMETRY, "features") if with_features else GEOMETRY
     splats = {

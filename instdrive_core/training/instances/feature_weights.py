@@ -77,7 +77,7 @@ def place_gaussians_in_view(
 
     Returns their rows, then means, quaternions, log scales and opacities.
     """
-    poses = model.actor_poses.at(view.time, model.corrections)
+    poses = model.actor_poses.at(view.time, model.corrections, view.camera.lag)
     p = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "opacity_logits")}
     rows = find_rows_in_view(
         p["means"], p["log_scales"], p["opacity_logits"], model.nodes, poses.matrices, poses.present, view.camera

@@ -67,6 +67,7 @@ class TrainingView:
             width,
             height,
             self.camera.world_from_camera,
+            self.camera.lag,
         )
 
         def thin(array: ndarray | None) -> ndarray | None:

@@ -1,11 +1,13 @@
 """Box silhouettes agree with projected corners and stay right where corners lie behind the camera."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
 from instdrive_core.evaluation.metrics.box_pixels import find_box_silhouette, find_moving_box_pixels
-from instdrive_core.scene.camera import Camera, look_at
+from instdrive_core.scene.camera import Camera, PhotoLag, look_at
 from instdrive_core.scene.track import Track
 
 
@@ -57,3 +59,17 @@ def test_only_moving_boxes_that_exist_count(camera):
     assert not find_moving_box_pixels(camera, [parked], 0.5).any()
     assert find_moving_box_pixels(camera, [parked, driving], 0.5).any()
     assert not find_moving_box_pixels(camera, [parked, driving], 3.0).any()
+
+
+def test_boxes_are_where_the_photo_shows_them():
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = [-20.0, 0.0, 20.0]
+    track = Track("a", "car", np.full(3, 2.0), np.array([0.0, 1.0, 2.0]), poses, moving=True)
+    camera = Camera(60.0, 60.0, 40.0, 30.0, 80, 60, look_at(np.array([0.0, -10.0, 0.0]), np.zeros(3)))
+    lag = PhotoLag.look_from(np.zeros(3), 0.0, 2.0, 0.0, -0.5)
+    taken_earlier = replace(camera, lag=replace(lag, taken=-1.0))
+    assert lag.find(track.interpolate_position(2.0)) == pytest.approx(-0.5)
+    assert not find_moving_box_pixels(camera, [track], 2.0).any()
+    seen = find_moving_box_pixels(taken_earlier, [track], 2.0)
+    np.testing.assert_array_equal(seen, find_moving_box_pixels(camera, [track], 1.0))
+    assert seen.any()

@@ -14,6 +14,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.formats.folder import scenes as scene_folder
 from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
 from instdrive_core.formats.registry import open_scene, save_scene
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 from instdrive_core.scene.seen_moving import SeenMover, Sighting
@@ -32,6 +33,22 @@ def test_round_trip_keeps_everything(tmp_path, options):
         np.testing.assert_array_equal(mine.camera.world_from_camera, theirs.camera.world_from_camera)
         np.testing.assert_array_equal(mine.camera.intrinsics, theirs.camera.intrinsics)
         assert (mine.camera.width, mine.camera.height) == (theirs.camera.width, theirs.camera.height)
+
+
+def lagging_scene():
+    """A scene whose first photo lags behind the LiDAR."""
+    scene = exposed_scene()
+    first, *others = scene.views
+    lag = PhotoLag.look_from(np.array([1.0, 2.0, 0.5]), -1.2, -0.1, -0.1, -0.05)
+    lagging = dataclasses.replace(first, camera=dataclasses.replace(first.camera, lag=lag))
+    return dataclasses.replace(scene, views=(lagging, *others))
+
+
+def test_lags_are_kept(tmp_path):
+    write_scene_folder(tmp_path, lagging_scene())
+    lags = [view.camera.lag for view in read_scene_folder(tmp_path).views]
+    assert lags == [view.camera.lag for view in lagging_scene().views]
+    assert lags[0] is not None
 
 
 def exposed_scene(photos=4):
@@ -169,6 +186,9 @@ def test_a_reader_beside_a_writer_always_finds_a_whole_scene(tmp_path):
         (lambda manifest: manifest["actors"][0].update(steps=0), "no poses"),
         (lambda manifest: manifest["views"].pop(), "view_poses"),
         (lambda manifest: manifest["views"][0].update(width=0), "size 0"),
+        (lambda manifest: manifest["views"][0]["lag"].update(turn=0), "has the lag"),
+        (lambda manifest: manifest["views"][0]["lag"].update(start=[0, 1]), "has the lag"),
+        (lambda manifest: manifest["views"][0]["lag"].pop("taken"), "taken"),
         (lambda manifest: manifest.update(views=[5] * 5), "damaged"),
         (lambda manifest: manifest.update(views=5), "damaged"),
         (lambda manifest: manifest.update(origin=[1, 2]), "origin"),
@@ -182,7 +202,7 @@ def test_a_reader_beside_a_writer_always_finds_a_whole_scene(tmp_path):
     ],
 )
 def test_damaged_manifests_are_explained(tmp_path, change, message):
-    write_scene_folder(tmp_path, exposed_scene())
+    write_scene_folder(tmp_path, lagging_scene())
     manifest = json.loads((tmp_path / "scene.json").read_text())
     change(manifest)
     (tmp_path / "scene.json").write_text(json.dumps(manifest))

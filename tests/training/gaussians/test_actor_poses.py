@@ -8,6 +8,7 @@ import torch
 from random_scene import random_track
 from scipy.spatial.transform import Rotation
 
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.track import Track
 from instdrive_core.training.gaussians.actor_poses import ActorPoses, rotations_from_vectors
 
@@ -38,6 +39,18 @@ def test_without_correction_the_poses_are_those_of_the_tracks(tracks, time, corr
     np.testing.assert_allclose(found.rotations.numpy(), found.matrices[:, :3, :3], atol=1e-6)
     np.testing.assert_allclose(found.shifts.numpy(), found.matrices[:, :3, 3], atol=1e-6)
     assert found.rotations.dtype == found.shifts.dtype == torch.float32
+
+
+def test_poses_and_corrections_are_those_of_the_moment_that_a_photo_shows(tracks):
+    poses = ActorPoses(tracks)
+    corrections, lag = random_corrections(poses), PhotoLag.look_from(np.array([0.5, 0, 0]), 0.3, -0.1, -0.1, -0.06)
+    found = poses.at(0.2, corrections, lag)
+    for node, track in enumerate(tracks, start=1):
+        if track.covers(0.2):
+            shown = 0.2 + lag.find(track.interpolate_position(0.2))
+            np.testing.assert_allclose(found.matrices[node], poses.at(shown, corrections).matrices[node], atol=1e-12)
+            assert abs(shown - 0.2) > 1e-4
+    assert not np.allclose(found.matrices, poses.at(0.2, corrections).matrices, atol=1e-4)
 
 
 def test_exponential_is_a_rotation_by_the_vector():

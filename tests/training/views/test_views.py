@@ -7,7 +7,7 @@ import pytest
 from drive import drive
 
 from instdrive_core.masks.label_map_folder import FrameMasks
-from instdrive_core.scene.camera import Camera, look_at
+from instdrive_core.scene.camera import Camera, PhotoLag, look_at
 from instdrive_core.training.views.lidar_depth import (
     MAX_LIDAR_DEPTH,
     compute_frame_depths,
@@ -97,6 +97,8 @@ def test_halving_a_view_keeps_depths_and_intrinsics():
     blocks = np.where(depth_map(view) > 0, depth_map(view), np.inf).reshape(40, 2, 60, 2).min(axis=(1, 3))
     np.testing.assert_array_equal(depth_map(half), np.where(np.isfinite(blocks), blocks, 0))
     np.testing.assert_array_equal(half.labels, view.labels[::2, ::2])
+    lag = PhotoLag.look_from(np.zeros(3), 0.3, -0.1, -0.1, -0.05)
+    assert replace(view, camera=replace(view.camera, lag=lag)).halve().camera.lag == lag
 
 
 def test_a_halved_photo_is_the_mean_of_its_blocks():
