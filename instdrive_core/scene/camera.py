@@ -69,7 +69,7 @@ class Camera:
     world_from_camera: Float64[ndarray, "4 4"]
     """Rigid, relative to the scene's origin (metres)."""
     lag: PhotoLag | None = None
-    """Of a photo; None = things are shown where they are at the time step."""
+    """How much later a photo shows things; None = it shows where they are at the time step."""
 
     @property
     def camera_from_world(self) -> Float64[ndarray, "4 4"]:
