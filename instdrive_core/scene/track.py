@@ -45,9 +45,24 @@ class Track:
         return time if lag is None else time + lag.find(self.interpolate_position(time))
 
     def interpolate_pose(self, time: float, lag: PhotoLag | None = None) -> Float64[ndarray, "4 4"]:
-        """Interpolate world_from_box at `time`, as a photo with this `lag` shows it: linear and slerp between
-        neighbours, clamped at the ends."""
-        return self.interpolate_poses(np.array([self.find_shown_time(time, lag)], np.float64))[0]
+        """Interpolate world_from_box at `time`: linear and slerp between neighbours, clamped at the ends.
+
+        With a photo's `lag`, as the photo shows it: before the first pose and after the last it goes on as fast as there.
+        """
+        if lag is None:
+            return self.interpolate_poses(np.array([time], np.float64))[0]
+        shown = self.find_shown_time(time, lag)
+        pose = self.interpolate_poses(np.array([shown], np.float64))[0]
+        pose[:3, 3] += self._go_on(shown)
+        return pose
+
+    def _go_on(self, time: float) -> Float64[ndarray, "3"]:
+        """Metres from the first or last pose to where the object is at `time` before or after it."""
+        early, late = min(time - self.times[0], 0.0), max(time - self.times[-1], 0.0)
+        if not early + late or len(self.times) < 2:
+            return np.zeros(3)
+        end = slice(0, 2) if early else slice(-2, None)
+        return (early + late) / np.ptp(self.times[end]) * np.diff(self.world_from_box[end, :3, 3], axis=0)[0]
 
     def interpolate_poses(self, times: Float64[ndarray, " k"]) -> Float64[ndarray, "k 4 4"]:
         """Interpolate world_from_box at many `times` (seconds), for each as `interpolate_pose` does."""
@@ -58,13 +73,12 @@ class Track:
         return _blend_poses(self.world_from_box[lower], self.world_from_box[upper], shares)
 
 
-def interpolate_tracks(
-    tracks: Sequence[Track], step_time: float, lag: PhotoLag | None = None
-) -> Float64[ndarray, "m 4 4"]:
+def interpolate_tracks(tracks: Sequence[Track], time: float, lag: PhotoLag | None = None) -> Float64[ndarray, "m 4 4"]:
     """Interpolate world_from_box of many tracks at one time (seconds), for each as its `interpolate_pose` does."""
+    if lag is not None and tracks:
+        return np.stack([track.interpolate_pose(time, lag) for track in tracks])
     ends, shares = np.empty((2, len(tracks), 4, 4)), np.zeros(len(tracks))
     for place, track in enumerate(tracks):
-        time = track.find_shown_time(step_time, lag)
         upper, last = int(np.searchsorted(track.times, time)), len(track.times) - 1
         lower, upper = max(upper - 1, 0), min(upper, last)
         ends[:, place] = track.world_from_box[lower], track.world_from_box[upper]

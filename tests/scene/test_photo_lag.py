@@ -50,6 +50,18 @@ def test_a_track_is_shown_later_or_earlier_by_the_side_it_is_on():
     np.testing.assert_allclose(interpolate_tracks([left], 1.0)[0, 1, 3], 2.0)
 
 
+def test_what_a_photo_shows_before_the_first_pose_and_after_the_last_goes_on():
+    track = track_at(-30.0, 2.0)
+    late, early = CLOCKWISE, replace(CLOCKWISE, taken=-0.1)  # 25 ms later and earlier than the LiDAR
+    np.testing.assert_allclose(track.interpolate_pose(1.5, late)[:3, 3], [-30, 7.25, 0.8], atol=0.1)
+    np.testing.assert_allclose(track.interpolate_pose(0.5, early)[:3, 3], [-30, -3.25, 0.8], atol=0.1)
+    at_end = track.find_shown_time(1.5, late) - 1.5
+    np.testing.assert_allclose(track.interpolate_pose(1.5, late)[1, 3], 7 + 10 * at_end)
+    single = Track("post", "Car", track.dimensions, track.times[:1], track.world_from_box[:1])
+    np.testing.assert_array_equal(single.interpolate_pose(0.5, early), track.world_from_box[0])
+    np.testing.assert_array_equal(track.interpolate_pose(1.6), track.world_from_box[-1])
+
+
 def test_a_scene_that_is_turned_keeps_its_lags():
     camera = replace(Camera(50, 50, 32, 24, 64, 48, look_at(np.zeros(3), np.array([0, 1.0, 0]))), lag=CLOCKWISE)
     turned = matrix_from_quaternion(normalize_quaternions(np.array([0.7, 0.4, -0.2, 0.5])))

@@ -149,8 +149,8 @@ class ActorPoses:
         nodes = np.flatnonzero(present[1:]) + 1
         matrices = np.tile(np.eye(4), (len(present), 1, 1))
         shown = {node: self.tracks[node - 1].find_shown_time(time, lag) for node in nodes.tolist()}
-        for node, moment in shown.items():
-            matrices[node] = self.tracks[node - 1].interpolate_pose(moment)
+        for node in shown:
+            matrices[node] = self.tracks[node - 1].interpolate_pose(time, lag)
         rotations, shifts = torch.from_numpy(matrices[:, :3, :3].copy()), torch.from_numpy(matrices[:, :3, 3].copy())
         index = torch.from_numpy(nodes)
         return _Moment(
