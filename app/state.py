@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.filming.camera_path import CameraKey
-from instdrive_core.scene.camera import Camera, look_at
+from instdrive_core.scene.camera import Camera, PhotoLag, look_at
 
 DEFAULT_ID_OPACITY = 0.3
 """Splats fainter than this are not drawn in the ID view and cannot be picked."""
@@ -86,6 +86,8 @@ class Viewpoint:
     lens: Intrinsics
     pivot_distance: float = 10.0
     """Metres along the viewing axis."""
+    lag: PhotoLag | None = None
+    """That of the photo whose camera is looked through."""
 
     @property
     def position(self) -> Float64[ndarray, "3"]:
@@ -108,7 +110,7 @@ class Viewpoint:
         scale = min(width / lens.width, height / lens.height)
         cx = lens.cx * scale + (width - lens.width * scale) / 2
         cy = lens.cy * scale + (height - lens.height * scale) / 2
-        return Camera(lens.fx * scale, lens.fy * scale, cx, cy, width, height, self.world_from_camera)
+        return Camera(lens.fx * scale, lens.fy * scale, cx, cy, width, height, self.world_from_camera, self.lag)
 
     def fit_film(self, width: int, height: int) -> tuple[float, float, float, float]:
         """Compute left, top, right and bottom of the film in a viewport of this size, in pixels."""
@@ -231,9 +233,13 @@ class FrameSnapshot:
 
 
 def resolve(state: EditorState, width: int, height: int, draft: bool = False) -> FrameSnapshot:
-    """Resolve `state` to one frame of a viewport of this size (pixels, at least 1 × 1)."""
+    """Resolve `state` to one frame of a viewport of this size (pixels, at least 1 × 1).
+
+    Beside a photo, what moves is shown where the photo has it; else where it is at the shown time.
+    """
+    camera = state.viewpoint.fit_camera(max(width, 1), max(height, 1))
     return FrameSnapshot(
-        camera=state.viewpoint.fit_camera(max(width, 1), max(height, 1)),
+        camera=camera if state.compares else replace(camera, lag=None),
         time=state.time,
         view_mode=state.view_mode,
         hovered=state.hovered,

@@ -1,6 +1,7 @@
 """What keeps the house readable: small folders, one name for one thing, docstrings that stand alone."""
 
 import ast
+import builtins
 import re
 from collections import defaultdict
 from pathlib import Path
@@ -55,6 +56,42 @@ def texts_alone(tree):
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             yield node.lineno, node.value.value
+
+
+def unknown_names(tree):
+    """Names that are read and stand nowhere in their file, with their lines; an annotation is read only when asked."""
+    known = {*dir(builtins), "__file__", "__path__", "__spec__"}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name, ctx=ast.Store() | ast.Del()) | ast.alias(asname=str(name)) | ast.arg(arg=name):
+                known.add(name)
+            case ast.alias(name=name):
+                known.add(name.split(".")[0])
+            case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
+                known.add(node.name)
+            case ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
+                known.add(name)
+            case ast.MatchMapping(rest=str(name)):
+                known.add(name)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and node.id not in known:
+            yield node.lineno, node.id
+
+
+@pytest.mark.parametrize("tree", TREES)
+def test_names_are_known(tree):
+    """Style and types cannot tell: they take the shapes in annotations for names."""
+    unknown = [
+        f"{path.relative_to(ROOT)}:{line} {name}"
+        for path in python_files(tree)
+        for line, name in unknown_names(parsed(path))
+    ]
+    assert not unknown, "\n".join(unknown)
+
+
+def test_a_name_that_nobody_imported_is_unknown():
+    source = "from os import path as p\ndef f(a: Missing, *b, **c) -> int:\n    return [d for d in b] + p(a, c)\n"
+    assert list(unknown_names(ast.parse(source))) == [(2, "Missing")]
 
 
 @pytest.mark.parametrize("tree", [*PACKAGES, "tests"])

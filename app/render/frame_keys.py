@@ -21,7 +21,7 @@ FLAT_MODES = (ViewMode.INSTANCE, ViewMode.CODEWORD)
 def make_camera_key(camera: Camera) -> tuple[Any, ...]:
     """Make a key that is equal for cameras that see the same."""
     pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
-    return (*pinhole, camera.world_from_camera.tobytes())
+    return (*pinhole, camera.world_from_camera.tobytes(), camera.lag)
 
 
 def make_snapshot_key(snapshot: FrameSnapshot) -> tuple[Any, ...]:

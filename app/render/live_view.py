@@ -120,7 +120,7 @@ class LiveView:
         document, snapshot, row = self._document, self.snapshot, self.find_row_at(x, y)
         if document is None or snapshot is None or row is None:
             return None
-        poses, _ = document.scene.find_node_poses(snapshot.time)
+        poses, _ = document.scene.find_node_poses(snapshot.time, snapshot.camera.lag)
         pose = poses[document.scene.nodes[row]]
         place = pose[:3, :3] @ document.compute_means(np.array([row]))[0] + pose[:3, 3]
         axis = snapshot.camera.camera_from_world[2]

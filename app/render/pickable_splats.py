@@ -9,6 +9,7 @@ from numpy import ndarray
 from instdrive_app.render.world_means import WorldMeans
 from instdrive_core.edits.document.document import Document
 from instdrive_core.rasterize.edited_rows import compute_world_shapes, write_largest_log_scales, write_shown_opacities
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.selection import Flag
 
 _NOT_SHOWN = int(Flag.HIDDEN | Flag.DELETED)
@@ -39,13 +40,13 @@ class PickableSplats:
         """World positions, metres."""
         return self._world.values
 
-    def update(self, time: float) -> None:
-        """Bring everything to the document's present state at `time` (seconds)."""
+    def update(self, time: float, lag: PhotoLag | None = None) -> None:
+        """Bring everything to the document's present state at `time` (seconds), as a photo with this `lag` shows it."""
         document, scene = self.document, self.document.scene
         count = len(scene)
         if count != len(self.opacities):
             self.opacities, self.log_sizes = _resize(self.opacities, count), _resize(self.log_sizes, count)
-        moved = self._world.update(time)
+        moved = self._world.update(time, lag)
         if moved is not None:
             entries, frames = document.transforms.indices, self._world.frames
             write_largest_log_scales(scene.gaussians.log_scales, entries, frames, moved, self.log_sizes)

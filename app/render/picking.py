@@ -57,9 +57,9 @@ class Picker:
         splats = self._choose_splats(document)
         pose = camera.world_from_camera.tobytes()
         lens = (camera.fx, camera.fy, camera.cx, camera.cy)
-        key = (column, row, pose, lens, snapshot.time, snapshot.id_opacity, document.versions)
+        key = (column, row, pose, lens, snapshot.time, camera.lag, snapshot.id_opacity, document.versions)
         if self._answer is None or self._answer[0] != key:
-            splats.update(snapshot.time)
+            splats.update(snapshot.time, camera.lag)
             self._answer = (key, _pick_instances(splats, snapshot, column, row))
         return self._answer[1]
 
@@ -69,7 +69,7 @@ class Picker:
         if not (0 <= column < camera.width and 0 <= row < camera.height):
             return None
         splats = self._choose_splats(document)
-        splats.update(snapshot.time)
+        splats.update(snapshot.time, camera.lag)
         winner = _find_fragments(splats, snapshot, column, row)[1]
         return winner if winner >= 0 else None
 

@@ -10,6 +10,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.rasterize.edited_rows import RowFrames, write_world_means
+from instdrive_core.scene.camera import PhotoLag
 
 
 class WorldMeans:
@@ -28,16 +29,16 @@ class WorldMeans:
         self.present: UInt8[ndarray, " m"] = np.ones(1, np.uint8)
         self.frames = RowFrames.copy_from(document.transforms, self.poses)
 
-    def update(self, time: float) -> tuple[int, int] | None:
-        """Bring everything to the document's present state at `time` (seconds).
+    def update(self, time: float, lag: PhotoLag | None = None) -> tuple[int, int] | None:
+        """Bring everything to the document's present state at `time` (seconds), as a photo with this `lag` shows it.
 
         Returns the range of rows that may have moved or are new, or None. Rows that are gone are in no range.
         """
         document, scene = self._document, self._document.scene
         ranges = [self._moves.take(), self._take_new_rows()]
-        key = (time, document.versions.tracks)
+        key = (time, lag, document.versions.tracks)
         if key != self._key:
-            poses, self.present = scene.find_node_poses(time)
+            poses, self.present = scene.find_node_poses(time, lag)
             if not np.array_equal(poses, self.poses):
                 ranges.append(self._driving)
             self.poses, self._key = poses, key

@@ -159,7 +159,7 @@ class Navigation:
 
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Leave the dataset camera and look from a viewpoint."""
-        self._state.viewpoint, self._state.dataset_view = viewpoint, None
+        self._state.viewpoint, self._state.dataset_view = replace(viewpoint, lag=None), None
 
     def look_from_kept(self, viewpoint: Viewpoint, time: float) -> None:
         """Look from a viewpoint at a time in seconds, without a dataset camera."""
@@ -171,7 +171,8 @@ class Navigation:
         document = self._context.document
         assert document is not None
         view = document.scene.views[index]
-        self._state.viewpoint = camera.view_from_camera(view, self._state.viewpoint.pivot_distance)
+        viewpoint = camera.view_from_camera(view, self._state.viewpoint.pivot_distance)
+        self._state.viewpoint = replace(viewpoint, lag=view.camera.lag)
         self._state.dataset_view, self._state.time = index, view.time
 
     def set_time(self, time: float) -> None:

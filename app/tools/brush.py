@@ -92,7 +92,7 @@ class BrushTool(RegionTool):
         document, snapshot = self._session.document, self._snapshot
         if document is None or snapshot is None:
             return None
-        means, drawn = compute_shown_means(document, snapshot.time)
+        means, drawn = compute_shown_means(document, snapshot.time, snapshot.camera.lag)
         projected = project_for_brush(means, snapshot.camera, NEAR)
         winners = self._winners(replace(snapshot, draft=False))
         return Stroke(projected, drawn, winners, np.zeros(len(means), np.bool_), start)

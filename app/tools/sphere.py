@@ -44,7 +44,7 @@ class SphereTool(RegionTool):
             if found is None:
                 session.messages.info("The sphere needs a splat in its middle; begin the drag on something solid")
             else:
-                means, drawn = compute_shown_means(document, snapshot.time)
+                means, drawn = compute_shown_means(document, snapshot.time, snapshot.camera.lag)
                 inside = drawn & (np.linalg.norm(means - found[0], axis=1) <= found[1])
                 if session.state.region_splats:
                     session.history.apply(SelectRows(np.flatnonzero(inside), click.mode))
@@ -69,7 +69,7 @@ class SphereTool(RegionTool):
         row = int(winners[int(np.clip(start[1], 0, height - 1)), int(np.clip(start[0], 0, width - 1))]) - 1
         if row < 0:
             return None
-        means, _ = compute_shown_means(document, snapshot.time)
+        means, _ = compute_shown_means(document, snapshot.time, snapshot.camera.lag)
         middle = means[row].astype(np.float64)
         depth = float(snapshot.camera.camera_from_world[2, :3] @ middle + snapshot.camera.camera_from_world[2, 3])
         return middle, float(np.hypot(click.x - start[0], click.y - start[1])) * depth / snapshot.camera.fx

@@ -37,7 +37,7 @@ def find_surface(
     row = int(seen[int(np.clip(y, 0, height - 1)), int(np.clip(x, 0, width - 1))]) - 1
     if row < 0 or row >= len(document.scene):
         return None
-    poses, _ = document.scene.find_node_poses(snapshot.time)
+    poses, _ = document.scene.find_node_poses(snapshot.time, snapshot.camera.lag)
     pose = poses[document.scene.nodes[row]]
     middle = pose[:3, :3] @ document.compute_means(np.array([row]))[0] + pose[:3, 3]
     camera = snapshot.camera

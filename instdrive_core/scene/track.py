@@ -47,7 +47,7 @@ class Track:
     def interpolate_pose(self, time: float, lag: PhotoLag | None = None) -> Float64[ndarray, "4 4"]:
         """Interpolate world_from_box at `time`: linear and slerp between neighbours, clamped at the ends.
 
-        With a photo's `lag`, as the photo shows it: before the first pose and after the last it goes on as fast as there.
+        With a photo's `lag`, as the photo shows it; before the first pose and after the last it goes on as fast.
         """
         if lag is None:
             return self.interpolate_poses(np.array([time], np.float64))[0]

@@ -15,6 +15,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import ColorPalette
 from instdrive_core.scene.scene import extract_node_rotations
@@ -87,8 +88,9 @@ class GpuScene:
         """Whether all splats are on the GPU; those that are not yet there are not drawn."""
         return self._uploaded == len(self)
 
-    def update(self, time: float, wait: bool = True) -> None:
-        """Upload what has changed since the last call, and the actors' poses at `time` (seconds).
+    def update(self, time: float, lag: PhotoLag | None = None, wait: bool = True) -> None:
+        """Upload what has changed since the last call, and the actors' poses at `time` (seconds), as a photo with this
+        `lag` shows them.
 
         Without `wait`, one call uploads the stored parameters of only so many new splats; see `complete`.
         """
@@ -107,7 +109,7 @@ class GpuScene:
             self._update_transforms()
         if before is None or rows_changed or now.table != before.table:
             self._update_ids()
-        self._update_places(time)
+        self._update_places(time, lag)
         self._update_sky()
 
     def bind(self, program: moderngl.Program) -> None:
@@ -223,8 +225,8 @@ class GpuScene:
             self.sky = upload_sky(self._ctx, self._shown_sky)
             self.look_version += 1
 
-    def _update_places(self, time: float) -> None:
-        moved = self._world.update(time)
+    def _update_places(self, time: float, lag: PhotoLag | None) -> None:
+        moved = self._world.update(time, lag)
         texels = _pack_poses(self._world)
         if not np.array_equal(texels, self._pose_texels):
             self._poses.reserve(len(texels))

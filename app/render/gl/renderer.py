@@ -103,7 +103,7 @@ class GlRenderer:
         self.shown = snapshot
 
     def _bring_up_to_date(self, snapshot: FrameSnapshot, wait: bool) -> None:
-        self.scene.update(snapshot.time, wait)
+        self.scene.update(snapshot.time, snapshot.camera.lag, wait)
         targets = self._find_targets(snapshot)
         self._projector.sort(self.scene, snapshot.camera, wait)
         self._winners_due = False
@@ -137,7 +137,7 @@ class GlRenderer:
 
     def read_rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that every pixel stands for, by the rule of clicks; 0 = none."""
-        self.scene.update(snapshot.time)
+        self.scene.update(snapshot.time, snapshot.camera.lag)
         winner = self._winners.find(snapshot, self._make_winner_key(snapshot), wait=True)
         assert winner is not None, "it was waited for"
         return (winner + 1).astype(np.uint32)

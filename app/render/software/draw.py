@@ -138,12 +138,12 @@ class SoftwareDraw:
             self._merged.wait()
 
     def _update_placed(self, request: FrameRequest) -> PlacedSplats:
-        state, moment = request.state, request.snapshot.time
+        state, moment = request.state, (request.snapshot.time, request.snapshot.camera.lag)
         placed = self._placed
         if placed is None or placed.state.rows_version != state.rows_version:
-            placed = self._placed = PlacedSplats(state, moment)
+            placed = self._placed = PlacedSplats(state, *moment)
             self._merged = self._sparse = None
-        placed.update(state, moment)
+        placed.update(state, *moment)
         return placed
 
     def _blend(self, placed: PlacedSplats, camera: Camera, snapshot: FrameSnapshot, check: Callable[[], None]) -> None:

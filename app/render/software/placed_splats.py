@@ -11,6 +11,7 @@ from instdrive_app.render.software.scene import SceneState
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.scene import extract_node_rotations
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.track import find_node_poses
@@ -20,6 +21,9 @@ NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
 # Columns of a frame: rotation, offset (metres), rotation as a quaternion, scale, whether it exists.
 _OFFSET, _QUAT, _SCALE, _EXISTS, _FRAME_FLOATS = 9, 12, 16, 17, 18
 
+Moment = tuple[float, PhotoLag | None]
+"""Seconds, and the lag of the photo that is looked through."""
+
 
 class PlacedSplats:
     """Arrays of n rows that follow `update`; only the render thread uses them.
@@ -27,7 +31,7 @@ class PlacedSplats:
     Each row names a frame, which is a pair of node and move; frame 0 is the background that was never moved.
     """
 
-    def __init__(self, state: SceneState, time: float) -> None:
+    def __init__(self, state: SceneState, time: float, lag: PhotoLag | None = None) -> None:
         """Place all splats, in tens of milliseconds for a million; `update` touches only what has changed."""
         gaussians = state.gaussians
         self._stored = tuple(to_kernel_array(a) for a in (gaussians.means, gaussians.quats, gaussians.log_scales))
@@ -43,12 +47,12 @@ class PlacedSplats:
         """Rises when the splats would look different: their places, colours, or which are shown."""
         self._base_opacities = to_kernel_array(sigmoid(gaussians.opacity_logits))
         self._frame_of: dict[tuple[int, int], int] = {(0, 0): 0}
-        self._table = _build_frame_table(list(self._frame_of), state, time)
+        self._table = _build_frame_table(list(self._frame_of), state, (time, lag))
         self._place(np.arange(len(gaussians)))
         moved = np.flatnonzero((state.nodes > 0) | (state.move_entries > 0))
-        self._move(moved, state, time)
+        self._move(moved, state, (time, lag))
         self._set_opacities(state)
-        self.state, self._time = state, time
+        self.state, self._moment = state, (time, lag)
 
     @property
     def rotations(self) -> Float32[ndarray, "f 3 3"]:
@@ -81,24 +85,25 @@ class PlacedSplats:
         rows, arrays = np.flatnonzero(frames), (means, quats, log_scales)
         _place_rows(rows, frames, self._table, arrays, (*arrays, np.empty(len(frames), np.float32)), False)
 
-    def update(self, state: SceneState, time: float) -> None:
-        """Bring everything to another state with the same rows, and to a time (seconds)."""
+    def update(self, state: SceneState, time: float, lag: PhotoLag | None = None) -> None:
+        """Bring everything to another state with the same rows, and to a time (seconds), as a photo with this `lag`
+        shows it."""
         before = self.state
-        if state is before and time == self._time:
+        if state is before and (time, lag) == self._moment:
             return
         renamed = np.zeros(0, np.int64)
         if state.nodes is not before.nodes or state.move_entries is not before.move_entries:
             renamed = np.flatnonzero((state.nodes != before.nodes) | (state.move_entries != before.move_entries))
         existed = self._table[:, _EXISTS]
-        changed = self._move(renamed, state, time) or state.color_values is not before.color_values
+        changed = self._move(renamed, state, (time, lag)) or state.color_values is not before.color_values
         hidden = state.flags is not before.flags and ((state.flags ^ before.flags) & NOT_DRAWN).any()
         recolored = state.color_entries is not before.color_entries
         if changed or hidden or recolored or not np.array_equal(existed, self._table[:, _EXISTS]):
             self._set_opacities(state)
             self.look_version += 1
-        self.state, self._time = state, time
+        self.state, self._moment = state, (time, lag)
 
-    def _move(self, renamed: Int64[ndarray, " k"], state: SceneState, time: float) -> bool:
+    def _move(self, renamed: Int64[ndarray, " k"], state: SceneState, moment: Moment) -> bool:
         """Assign frames to rows, and place those rows and all whose frame has moved; returns whether there were any."""
         nodes, moves = state.nodes[renamed].astype(np.int64), state.move_entries[renamed]
         width = len(state.move_matrices)
@@ -108,7 +113,7 @@ class PlacedSplats:
         for pair in np.flatnonzero(names).tolist():
             names[pair] = self._frame_of.setdefault(divmod(pair, width), len(self._frame_of))
         self.frames[renamed] = names[pairs]
-        before, self._table = self._table, _build_frame_table(list(self._frame_of), state, time)
+        before, self._table = self._table, _build_frame_table(list(self._frame_of), state, moment)
         shifted = np.ones(len(self._table), bool)
         shifted[: len(before)] = (self._table[: len(before), :_EXISTS] != before[:, :_EXISTS]).any(axis=1)
         rows = renamed
@@ -131,9 +136,9 @@ class PlacedSplats:
         _fill_opacities(self._base_opacities, entries, exists, alphas, NOT_DRAWN, self.opacities)
 
 
-def _build_frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -> Float64[ndarray, "f 18"]:
+def _build_frame_table(pairs: list[tuple[int, int]], state: SceneState, moment: Moment) -> Float64[ndarray, "f 18"]:
     """Compute where pairs of node and move lie; a move that was undone, which no row names, counts as none."""
-    poses, present = find_node_poses(state.actors, time)
+    poses, present = find_node_poses(state.actors, *moment)
     nodes, moves = np.array(pairs).T
     table = np.zeros((len(pairs), _FRAME_FLOATS))
     known = nodes < len(poses)

@@ -34,7 +34,7 @@ def find_rows_in_region(
         winners: row + 1 of the splat that each pixel stands for, 0 = none; where given, only splats that any pixel
             stands for are found: those that are visible.
     """
-    means, drawn = compute_shown_means(document, time)
+    means, drawn = compute_shown_means(document, time, camera.lag)
     if winners is not None:
         drawn &= _find_winning(winners, len(means))
     return np.flatnonzero(find_points_in_region(means, camera, region, NEAR) & drawn)
@@ -58,7 +58,7 @@ def find_instances_in_region(
     if winners is not None:
         shown = np.append(np.uint32(0), ids)[winners]
         return find_ids_with_share(shown[region], shown.ravel(), min_share)
-    means, drawn = compute_shown_means(document, time)
+    means, drawn = compute_shown_means(document, time, camera.lag)
     inside = find_points_in_region(means, camera, region, NEAR) & drawn
     return find_ids_with_share(ids[inside], ids[drawn], min_share)
 

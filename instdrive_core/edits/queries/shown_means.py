@@ -7,11 +7,16 @@ from jaxtyping import Bool, Float32
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.transforms import compute_current_means
 
 
-def compute_shown_means(document: Document, time: float) -> tuple[Float32[ndarray, "n 3"], Bool[ndarray, " n"]]:
+def compute_shown_means(
+    document: Document, time: float, lag: PhotoLag | None = None
+) -> tuple[Float32[ndarray, "n 3"], Bool[ndarray, " n"]]:
     """World positions (metres) of all splats at `time` (seconds), moves applied, and whether each is drawn then.
+
+    With a photo's `lag`, as the photo shows them.
 
     Hidden and deleted splats and those of actors that are absent are not drawn. The positions are read only.
     """
@@ -20,7 +25,7 @@ def compute_shown_means(document: Document, time: float) -> tuple[Float32[ndarra
     driving = np.flatnonzero(scene.nodes)
     if not len(driving):
         return means, drawn
-    poses, present = scene.find_node_poses(time)
+    poses, present = scene.find_node_poses(time, lag)
     nodes = scene.nodes[driving]
     matrices = poses[nodes]
     placed = np.einsum("nij,nj->ni", matrices[:, :3, :3], means[driving]) + matrices[:, :3, 3]

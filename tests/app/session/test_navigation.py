@@ -1,11 +1,15 @@
 """Where the user looks from: orbiting keeps above the ground, and the first view comes back."""
 
+from dataclasses import replace
+
 import numpy as np
 from session_driver import finish
 
+from instdrive_app import camera
 from instdrive_app.session.export_kinds import ExportChoice
 from instdrive_app.state import Viewpoint
-from instdrive_core.scene.camera import look_at
+from instdrive_core.edits.document.document import Document
+from instdrive_core.scene.camera import PhotoLag, look_at
 
 
 def test_orbiting_up_stays_above_the_ground_unless_switched_off(session):
@@ -34,6 +38,18 @@ def test_the_start_view_comes_back(session):
     np.testing.assert_array_equal(session.state.viewpoint.world_from_camera, start.world_from_camera)
     assert session.state.dataset_view == 0
     assert session.state.time == 0.0
+
+
+def test_a_photos_lag_comes_and_goes_with_its_camera(session):
+    lag = PhotoLag.look_from(np.zeros(3), 0.3, -0.1, -0.1, -0.05)
+    views = [replace(view, camera=replace(view.camera, lag=lag)) for view in session.document.scene.views]
+    session.show(Document(replace(session.document.scene, views=tuple(views))))
+    session.navigation.look_through(1)
+    assert session.state.viewpoint.lag == lag
+    session.navigation.set_time(session.document.scene.views[-1].time)
+    assert session.state.viewpoint.lag == lag
+    session.navigation.look_from(camera.look(session.state.viewpoint, 0.1, 0.0))
+    assert session.state.viewpoint.lag is None
 
 
 def test_an_exported_ply_opens_as_it_was_left(session, tmp_path):
