@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float32, Float64, UInt8, UInt32
 from numpy import ndarray
 from tyro.conf import arg
 
-from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.track import Track
 
 HOLD_OUT_PERIOD, HOLD_OUT_PHASE = 10, 4
@@ -129,15 +129,16 @@ class Clip:
         return tuple(sweep for sweep in self.sweeps if not is_held_out(sweep.index))
 
     def with_cameras(self, views: Sequence[CameraView]) -> Clip:
-        """Copy the clip with the poses of these views, e.g. those that training corrected; the others stay."""
-        poses = {(view.name, view.index): view.camera.world_from_camera for view in views}
-        return replace(self, frames=tuple(_place_frame(frame, poses) for frame in self.frames))
+        """Copy the clip with the poses and lags of these views, e.g. those that training used; the others stay."""
+        cameras = {(view.name, view.index): view.camera for view in views}
+        return replace(self, frames=tuple(_place_frame(frame, cameras) for frame in self.frames))
 
 
-def _place_frame(frame: Frame, poses: Mapping[tuple[str, int], Float64[ndarray, "4 4"]]) -> Frame:
+def _place_frame(frame: Frame, cameras: Mapping[tuple[str, int], Camera]) -> Frame:
     view = frame.view
-    pose = poses.get((view.name, view.index), view.camera.world_from_camera)
-    return replace(frame, view=replace(view, camera=replace(view.camera, world_from_camera=pose)))
+    other = cameras.get((view.name, view.index), view.camera)
+    camera = replace(view.camera, world_from_camera=other.world_from_camera, lag=other.lag)
+    return replace(frame, view=replace(view, camera=camera))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import json
 import logging
 import pickle
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from instdrive_core.datasets.clip_recordings import record_clip
 from instdrive_core.datasets.pandaset.write import write_pandaset
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError, OptionError, UntrustedDataError
+from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.track import find_points_inside
 
 ALL = "front_camera,back_camera"
@@ -436,6 +438,17 @@ def test_photos_show_things_later_or_earlier_than_the_lidar_met_them(root, tmp_p
         assert front.find(place) == pytest.approx(0.0, abs=0.001)
         assert back.find(place) == pytest.approx(-0.05, abs=0.001)
         assert front.find(START + offset(-30, 6, 0) - clip.origin) == pytest.approx(0.025, abs=0.001)
+
+
+def test_scenes_that_were_trained_without_lags_are_drawn_without(root):
+    clip = load(root)
+    lag = PhotoLag.look_from(np.zeros(3), 0.3, -0.1, -0.1, -0.05)
+    known = [replace(frame.view, camera=replace(frame.view.camera, lag=lag)) for frame in clip.frames]
+    lagging = clip.with_cameras(known)
+    assert {frame.view.camera.lag for frame in lagging.frames} == {lag}
+    assert {frame.view.camera.lag for frame in lagging.with_cameras([frame.view for frame in clip.frames]).frames} == {
+        None
+    }
 
 
 def test_photo_times_that_are_no_numbers_are_told(root):
