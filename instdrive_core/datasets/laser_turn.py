@@ -51,7 +51,7 @@ def add_photo_lags(frames: Sequence[Frame], sweeps: Sequence[Sweep], taken: Mapp
 
     Args:
         frames: by time step.
-        sweeps: the first that may train and tells is taken for all: LiDARs turn evenly.
+        sweeps: the first that may train speaks for all: LiDARs turn evenly.
         taken: seconds when each photo was taken, by the frame's key, as the clip counts them.
     """
     frames = list(frames)
