@@ -8,7 +8,7 @@ import numpy as np
 from instdrive_core.tracks.motion_tests import moves_with_ego
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
-from instdrive_core.tracks.vacated import vacates
+from instdrive_core.tracks.vacated import may_be_ring, vacates
 
 MAX_RATIO, SURE_SEEN, SURE_RATIO = 0.5, 0.5, 0.72
 """Greatest `motion_ratio`; what was seen through at so many of its places may have the greater one: slow things overlap
@@ -60,12 +60,13 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
     if moves_with_ego(places, clouds, [one.sweep for one in thing.observations]):
         return "ego"
     walks_by = seen > FEW_SEEN and thing.ratio < SURE_MOTION and way > 3 * size
-    is_steady = is_proved or (len(thing.clusters) >= STEADY_SWEEPS and thing.ratio <= STEADY_RATIO)
+    is_long = len(thing.clusters) >= STEADY_SWEEPS
+    is_steady = is_proved or (is_long and thing.ratio <= STEADY_RATIO and not may_be_ring(thing, clouds))
     if seen < SEEN and not is_steady and ((distance < NEAR and not walks_by) or way < 2 * size):
         return f"seen {seen:.2f} at {distance:.0f} way {way:.1f}"
     if seen < FEW_SEEN and not is_steady and way < UNSEEN_WAY:
         return f"never seen through, way {way:.1f}"
-    is_strip = is_proved and thing.ratio <= MAX_RATIO and len(thing.clusters) >= STEADY_SWEEPS
+    is_strip = is_proved and thing.ratio <= MAX_RATIO and is_long
     if extent[2] < FLAT and distance < FLAT_REACH and not is_strip:
         return f"flat {extent[2]:.2f}"
     if extent[:2].max() < THIN and seen < 3 * SEEN:
