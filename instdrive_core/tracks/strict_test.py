@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from instdrive_core.tracks.boxes import PERSON_HEIGHTS
 from instdrive_core.tracks.motion_tests import moves_with_ego
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
@@ -31,6 +32,9 @@ FLAT, FLAT_REACH = 0.35, 40.0
 seen to leave its places: others may leave but a strip of it to be seen."""
 THIN = 0.3
 """Metres along and across: thinner things are posts and edges unless others saw through their places."""
+STOUT = 0.8
+"""Metres along or across that what is taller than people measures: else it is a post, or the end of a wall that others
+uncover."""
 MAX_LENGTH, MAX_WIDTH = 19.0, 3.6
 """Metres of the largest vehicle."""
 MAX_TURN = 1.2
@@ -69,6 +73,8 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
     is_strip = is_proved and thing.ratio <= MAX_RATIO and is_long
     if extent[2] < FLAT and distance < FLAT_REACH and not is_strip:
         return f"flat {extent[2]:.2f}"
-    if extent[:2].max() < THIN and seen < 3 * SEEN:
+    if size < STOUT and extent[2] > PERSON_HEIGHTS[1]:
+        return "pole"
+    if size < THIN and seen < 3 * SEEN:
         return "thin"
     return ""
