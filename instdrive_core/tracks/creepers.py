@@ -19,7 +19,7 @@ from instdrive_core.tracks.motion_tests import MIN_SWEEPS
 from instdrive_core.tracks.range_images import Votes, group_points
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
 from instdrive_core.tracks.starts import first_guesses
-from instdrive_core.tracks.strict_test import MIN_WAY, is_mover
+from instdrive_core.tracks.strict_test import PROVED_WAY, is_mover
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.vacated import may_vacate, vacates
 
@@ -34,8 +34,6 @@ NEAR_CELL, OFTEN = 2.0, 5
 does, nothing creeps."""
 CREEP, MISSED = 1.5, 2
 """Metres per second below which a thing creeps, and sweeps at either end of the clip for which it may be missed."""
-LEAST_WAY = 0.75
-"""Share of the least way of a mover that first guesses must go, one of them at least."""
 
 
 def find_creepers(things: list[SolvedThing], clouds: list[SweepCloud], votes: list[Votes]) -> list[SolvedThing]:
@@ -63,7 +61,7 @@ def find_creepers(things: list[SolvedThing], clouds: list[SweepCloud], votes: li
         if len(chain.clusters) < MIN_SWEEPS:
             continue
         guesses = first_guesses(chain)
-        goes = [guess for guess in guesses if guess.farthest_way() >= LEAST_WAY * MIN_WAY]
+        goes = [guess for guess in guesses if guess.farthest_way() >= PROVED_WAY]
         if not any(may_vacate(chain.clusters, guess, clouds) for guess in goes):
             continue
         solved = solve_thing(chain.clusters, clouds, guesses)

@@ -14,7 +14,7 @@ from instdrive_core.tracks.creepers import find_creepers
 from instdrive_core.tracks.fragments import merge_fragments
 from instdrive_core.tracks.interpenetration import drop_swapped, resolve_overlaps
 from instdrive_core.tracks.linking import link_sightings, without_slivers
-from instdrive_core.tracks.motion_tests import may_move
+from instdrive_core.tracks.motion_tests import cut_to_movers
 from instdrive_core.tracks.range_images import Votes, count_votes
 from instdrive_core.tracks.second_pass import drop_covered, solve_again
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
@@ -78,7 +78,7 @@ def find_things(
         find_candidates(cloud, seen, number) for number, (cloud, seen) in enumerate(zip(clouds, votes, strict=True))
     ]
     linked = [without_slivers(chain) for chain in link_sightings(by_sweep)]
-    chains = [chain for chain in linked if may_move(chain, clouds)]
+    chains = [part for chain in linked for part in cut_to_movers(chain, clouds)]
     on_stage("solving motions")
     solved = [solve_thing(chain.clusters, clouds, first_guesses(chain)) for chain in chains]
     movers = [thing for thing in solved if thing is not None and is_mover(thing, clouds)]

@@ -8,10 +8,13 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
+from instdrive_core.tracks.boxes import classify_box
 from instdrive_core.tracks.candidates import Cluster, make_cluster
 from instdrive_core.tracks.nearest import align, nearest_distances, sample_evenly
 from instdrive_core.tracks.range_images import Votes
+from instdrive_core.tracks.seen_places import SEEN_THROUGH, UNSEEN, ask_sweep
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
+from instdrive_core.tracks.strict_test import is_mover
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import SPACING, Trajectory, even_knots
 
@@ -31,6 +34,12 @@ SPEED_CHANGE = 2.5
 """Metres per second squared by which it may have changed its velocity, plus 0.8 m/s."""
 SLACK = 0.1
 """By how much the motion of the whole may explain its points worse than that of the parts."""
+LOW, BELOW_TOP, LEVEL = 0.4, 0.2, 0.2
+"""Metres above the ground, and below a thing's top, between which one looks whether parts hang together, and steps."""
+ASKED, MOSTLY = 12, 0.7
+"""Sweeps that are asked at most, and share that must see through at every height that is within sight."""
+WHOLE, OUTGROWN = 10, 0.8
+"""Sweeps that show all of a person, and metres by which another view of one may be longer."""
 SHARED = 3
 """Sweeps that two fragments must share to be compared side by side."""
 
@@ -43,7 +52,7 @@ def merge_fragments(things: list[SolvedThing], clouds: list[SweepCloud], votes: 
         own = left.pop(0)
         tried: set[int] = set()
         while True:
-            other = next((one for one in left if id(one) not in tried and may_be_one(own, one)), None)
+            other = next((one for one in left if id(one) not in tried and may_be_one(own, one, clouds)), None)
             if other is None:
                 break
             tried.add(id(other))
@@ -55,18 +64,37 @@ def merge_fragments(things: list[SolvedThing], clouds: list[SweepCloud], votes: 
     return done
 
 
-def may_be_one(first: SolvedThing, second: SolvedThing) -> bool:
+def may_be_one(first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud]) -> bool:
     """Whether two things move as parts of one, or one as the other went on."""
     shared = sorted(set(first.sweeps) & set(second.sweeps))
     start = max(first.trajectory.start, second.trajectory.start)
     end = min(first.trajectory.end, second.trajectory.end)
     if len(shared) >= SHARED and end > start:
-        return _move_alike(first, second, shared, start, end)
+        return _move_alike(first, second, shared, start, end, clouds)
     earlier, later = sorted((first, second), key=lambda thing: thing.trajectory.start)
-    return _goes_on(earlier.trajectory, later.trajectory)
+    return _goes_on(earlier.trajectory, later.trajectory) and _may_measure_alike(first, second)
 
 
-def _move_alike(first: SolvedThing, second: SolvedThing, shared: list[int], start: float, end: float) -> bool:
+def _may_measure_alike(first: SolvedThing, second: SolvedThing) -> bool:
+    """Whether both may be views of one thing: what walked for long, and was seen whole, is no part of a car."""
+    for one, other in ((first, second), (second, first)):
+        size, height = measure(one)
+        is_slim = classify_box(size, height)[0] in ("Pedestrian", "Bicycle")
+        if is_slim and len(one.clusters) >= WHOLE and measure(other)[0].max() > size.max() + OUTGROWN:
+            return False
+    return True
+
+
+def measure(thing: SolvedThing) -> tuple[Float64[ndarray, "2"], float]:
+    """Extent of a thing's points along and across its heading, and the height of the highest, metres."""
+    local = thing.local_points()
+    low, high = np.percentile(local, 3, axis=0), np.percentile(local, 97, axis=0)
+    return high[:2] - low[:2], float(high[2])
+
+
+def _move_alike(
+    first: SolvedThing, second: SolvedThing, shared: list[int], start: float, end: float, clouds: list[SweepCloud]
+) -> bool:
     times = np.arange(start, end + 1e-6, SPACING)
     own, others = first.trajectory.poses_at(times), second.trajectory.poses_at(times)
     offset = into_frame(own, others[:, :2])
@@ -79,7 +107,35 @@ def _move_alike(first: SolvedThing, second: SolvedThing, shared: list[int], star
         float(nearest_distances(sample_evenly(by_sweep[k].points, 150), sample_evenly(theirs[k].points, 150)).min())
         for k in shared[:: max(1, len(shared) // 6)]
     ]
-    return float(np.median(gaps)) < (WIDE_GAP if rigidity < VERY_RIGID else GAP)
+    if float(np.median(gaps)) >= (WIDE_GAP if rigidity < VERY_RIGID else GAP):
+        return False
+    return not _are_apart([(by_sweep[k], theirs[k]) for k in shared], clouds)
+
+
+def _are_apart(pairs: list[tuple[Cluster, Cluster]], clouds: list[SweepCloud]) -> bool:
+    """Whether sweeps look through between two things from `LOW` to the top of the lower one: people who walk side by
+    side. Of a car one sees the body there, or nothing."""
+    tops = np.median([min(one.high[2], other.high[2]) for one, other in pairs])
+    heights = np.arange(LOW, tops - BELOW_TOP, LEVEL)
+    if not len(heights):
+        return False
+    asked, through = np.zeros(len(heights)), np.zeros(len(heights))
+    for one, other in pairs[:: max(1, len(pairs) // ASKED)]:
+        cloud = clouds[one.sweep]
+        ground = float(cloud.heights[one.rows].mean())
+        between = (_nearest_to(one, other) + _nearest_to(other, one)) / 2
+        places = np.column_stack([np.repeat(between[None], len(heights), axis=0), heights + ground])
+        for image in cloud.images:
+            answers = ask_sweep(places, image)
+            asked += answers != UNSEEN
+            through += answers == SEEN_THROUGH
+    known = asked >= SHARED
+    return bool(known.mean() >= 0.5 and np.all(through[known] > MOSTLY * asked[known]))
+
+
+def _nearest_to(one: Cluster, other: Cluster) -> Float64[ndarray, "2"]:
+    """Where a cluster's points are nearest to another's middle, along the ground."""
+    return one.points[np.linalg.norm(one.points[:, :2] - other.middle, axis=1).argmin(), :2].astype(float)
 
 
 def _goes_on(earlier: Trajectory, later: Trajectory) -> bool:
@@ -95,7 +151,7 @@ def _goes_on(earlier: Trajectory, later: Trajectory) -> bool:
 
 
 def join(first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]) -> SolvedThing | None:
-    """Both as one thing, solved again; None where that is too large or moves worse than its parts."""
+    """Both as one thing, solved again; None where that is too large, moves worse than its parts, or is no mover."""
     clusters = union(first.clusters, second.clusters, clouds, votes)
     whole = solve_thing(clusters, clouds, [joint_guess(first, second)])
     if whole is None:
@@ -107,7 +163,8 @@ def join(first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud], vote
         return None
     if whole.ratio >= max(first.ratio, second.ratio, 0.3) + SLACK:
         return None
-    return replace(whole, core_seen=max(first.core_seen, second.core_seen))
+    whole = replace(whole, core_seen=max(first.core_seen, second.core_seen))
+    return whole if is_mover(whole, clouds) else None
 
 
 def union(first: list[Cluster], second: list[Cluster], clouds: list[SweepCloud], votes: list[Votes]) -> list[Cluster]:

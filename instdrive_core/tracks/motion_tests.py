@@ -14,6 +14,9 @@ from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import Trajectory
 
 MIN_SWEEPS = 5
+SHORTEST_CUT, TURN = 10, 8
+"""Sweeps of the pieces that a chain is cut into, at least, and those before and after a cut that its motion is judged
+by."""
 MIN_WAY = 1.0
 """Metres of travel."""
 MIN_STRAIGHTNESS = 0.6
@@ -66,6 +69,32 @@ def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
             passed = True
             break
     return passed
+
+
+def cut_to_movers(chain: Chain, clouds: list[SweepCloud]) -> list[Chain]:
+    """The chain if it may move, else its parts that may, cut where its motion changes most: in a long drive what is
+    followed turns back or waits, and two that meet are taken for each other."""
+    if may_move(chain, clouds):
+        return [chain]
+    cut = _find_turn(chain)
+    if not cut:
+        return []
+    first = Chain(chain.clusters[:cut], chain.shifts[: cut - 1], chain.velocity)
+    second = Chain(chain.clusters[cut:], chain.shifts[cut:], chain.velocity)
+    return [part for half in (first, second) for part in cut_to_movers(half, clouds)]
+
+
+def _find_turn(chain: Chain) -> int:
+    """Position of the cluster before which a chain's velocity changes most; 0 where it is too short to be cut."""
+    places, times = middles(chain), np.array([one.time for one in chain.clusters])
+    positions = np.arange(SHORTEST_CUT, len(places) - SHORTEST_CUT)
+    if not len(positions):
+        return 0
+    before, after = (
+        (places[last] - places[first]) / (times[last] - times[first])[:, None]
+        for first, last in ((positions - TURN, positions), (positions, positions + TURN))
+    )
+    return int(positions[np.linalg.norm(after - before, axis=1).argmax()])
 
 
 def moves_with_ego(places: Float64[ndarray, "t 2"], clouds: list[SweepCloud], sweeps: list[int]) -> bool:

@@ -15,6 +15,7 @@ from instdrive_core.tracks.extension import extend_in_time
 from instdrive_core.tracks.motion_tests import carry, motion_ratio
 from instdrive_core.tracks.range_images import Votes
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
+from instdrive_core.tracks.strict_test import is_mover
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import SPACING, Trajectory
 
@@ -40,7 +41,8 @@ REACHES = (0.4, 0.35, 0.3, 0.25, 0.25, 0.25)
 
 
 def solve_again(thing: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]) -> SolvedThing:
-    """A thing with the sweeps it can be followed to and with all its points, solved again."""
+    """A thing with the sweeps it can be followed to and with all its points, solved again; as it was where it would be
+    worse, or no mover any more."""
     trajectory, extra = extend_in_time(thing, clouds)
     rows = {one.sweep: one.rows for one in thing.clusters} | extra
     rows = _grow_thing(rows, trajectory, thing, clouds)
@@ -48,7 +50,8 @@ def solve_again(thing: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]
     again = solve_thing(clusters, clouds, [trajectory], REACHES)
     if again is None or again.ratio > thing.ratio + 0.12 or _has_slid(thing, again):
         return thing
-    return replace(again, core_seen=thing.seen_through)
+    again = replace(again, core_seen=thing.seen_through)
+    return again if is_mover(again, clouds) else thing
 
 
 def _has_slid(thing: SolvedThing, again: SolvedThing) -> bool:

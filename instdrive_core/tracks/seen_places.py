@@ -18,9 +18,10 @@ SAME, SAME_SHARE = 0.25, 0.01
 def ask_sweep(places: Float64[ndarray, "n 3"], image: SweepImage) -> UInt8[ndarray, " n"]:
     """What one LiDAR's sweep says of places in the world (metres): `UNSEEN`, `MET` or `SEEN_THROUGH`.
 
-    A place is met if one of the nine pixels around its direction ends there, and seen through if its own pixel is
-    measured and all around it go on, two to either side: where beams are sparse, every other column may be empty, and
-    along a wall seen aslant one column goes on a metre farther than the next.
+    A place is met if one of the nine pixels around its direction ends there. It is seen through if none does, its own
+    pixel is measured and goes on, and so do two to either side: where beams are sparse, every other column may be
+    empty, and along a wall seen aslant one column goes on a metre farther than the next. Rows above and below are not
+    asked: of cars in a queue one sees strips, a row or two high, over the roofs of others.
     """
     return _look(np.ascontiguousarray(places, np.float64), image.position, image.ranges)
 
@@ -45,8 +46,9 @@ def _look(places: ndarray, position: ndarray, ranges: ndarray) -> ndarray:
             for side in range(-2, 3):
                 pixel = ranges[above, (column + side) % columns]
                 if pixel != NOTHING:
-                    least = min(least, pixel * 0.01)
                     met |= abs(side) < 2 and abs(pixel * 0.01 - distance) < slack
+                    if above == row:
+                        least = min(least, pixel * 0.01)
         if met:
             answers[number] = MET
         elif ranges[row, column] != NOTHING and least > distance + slack:

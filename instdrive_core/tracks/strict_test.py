@@ -5,16 +5,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from instdrive_core.tracks.boxes import PERSON_HEIGHTS
 from instdrive_core.tracks.motion_tests import moves_with_ego
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
-from instdrive_core.tracks.vacated import vacates
+from instdrive_core.tracks.vacated import may_be_ring, vacates
 
 MAX_RATIO, SURE_SEEN, SURE_RATIO = 0.5, 0.5, 0.72
 """Greatest `motion_ratio`; what was seen through at so many of its places may have the greater one: slow things overlap
-themselves a metre on."""
-MIN_WAY = 0.9
-"""Metres between its two farthest places."""
+themselves a metre on. What was seen to leave its places and goes less than twice its size may have any."""
+MIN_WAY, PROVED_WAY = 0.9, 0.6
+"""Metres between its two farthest places, and between those of a thing that was seen to leave its places."""
 SEEN = 0.1
 """Share of points at places seen through below which more is asked of a thing."""
 FEW_SEEN, SURE_MOTION = 0.02, 0.35
@@ -27,9 +28,13 @@ same: in a jam the next car fills each gap, and behind a row of cars no beam goe
 NEAR = 30.0
 """Metres within which a mover is seen through, as beams are dense there."""
 FLAT, FLAT_REACH = 0.35, 40.0
-"""Metres that a thing nearer than so many metres rises from its lowest to its highest point at least."""
+"""Metres that a thing nearer than so many metres rises from its lowest to its highest point at least, unless it was
+seen to leave its places: others may leave but a strip of it to be seen."""
 THIN = 0.3
 """Metres along and across: thinner things are posts and edges unless others saw through their places."""
+STOUT = 0.8
+"""Metres along or across that what is taller than people measures: else it is a post, or the end of a wall that others
+uncover."""
 MAX_LENGTH, MAX_WIDTH = 19.0, 3.6
 """Metres of the largest vehicle."""
 MAX_TURN = 1.2
@@ -46,25 +51,30 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
     way, seen, distance = thing.trajectory.farthest_way(), thing.seen_through, thing.distance(clouds)
     local = thing.local_points()
     extent = np.percentile(local, 97, axis=0) - np.percentile(local, 3, axis=0)
-    if way < MIN_WAY:
+    is_proved = way >= PROVED_WAY and vacates(thing, clouds)
+    if way < MIN_WAY and not is_proved:
         return f"way {way:.2f}"
-    is_proved = vacates(thing, clouds)
-    if thing.ratio > (SURE_RATIO if seen > SURE_SEEN else MAX_RATIO) and not is_proved:
+    size = float(extent[:2].max())
+    overlaps = is_proved and way < 2 * size
+    if thing.ratio > (SURE_RATIO if seen > SURE_SEEN else MAX_RATIO) and not overlaps:
         return f"ratio {thing.ratio:.2f}"
     if extent[0] > MAX_LENGTH or extent[1] > MAX_WIDTH:
         return f"extent {extent[0]:.1f} {extent[1]:.1f}"
     places = thing.trajectory.poses_at(np.array([one.time for one in thing.observations]))[:, :2]
     if moves_with_ego(places, clouds, [one.sweep for one in thing.observations]):
         return "ego"
-    size = float(extent[:2].max())
     walks_by = seen > FEW_SEEN and thing.ratio < SURE_MOTION and way > 3 * size
-    is_steady = is_proved or (len(thing.clusters) >= STEADY_SWEEPS and thing.ratio <= STEADY_RATIO)
+    is_long = len(thing.clusters) >= STEADY_SWEEPS
+    is_steady = is_proved or (is_long and thing.ratio <= STEADY_RATIO and not may_be_ring(thing, clouds))
     if seen < SEEN and not is_steady and ((distance < NEAR and not walks_by) or way < 2 * size):
         return f"seen {seen:.2f} at {distance:.0f} way {way:.1f}"
     if seen < FEW_SEEN and not is_steady and way < UNSEEN_WAY:
         return f"never seen through, way {way:.1f}"
-    if extent[2] < FLAT and distance < FLAT_REACH:
+    is_strip = is_proved and thing.ratio <= MAX_RATIO and is_long
+    if extent[2] < FLAT and distance < FLAT_REACH and not is_strip:
         return f"flat {extent[2]:.2f}"
-    if extent[:2].max() < THIN and seen < 3 * SEEN:
+    if size < STOUT and extent[2] > PERSON_HEIGHTS[1]:
+        return "pole"
+    if size < THIN and seen < 3 * SEEN:
         return "thin"
     return ""

@@ -28,12 +28,30 @@ MIN_SEEN = 30
 VACATED, CONTRADICTED = 0.02, 1 / 3
 """Share of these that must be seen through where the thing would stand; what is seen through where it should have moved
 to is at most so much of it."""
+RING, DRIFT_SHARE = 0.35, 0.5
+"""Metres from the lowest to the highest point of what may be a ring in most sweeps, and share of its way by which it
+must come nearer to the recording car, or fall back, to be none."""
+EGO_WAY = 0.6
+"""Metres that the recording car must go for rings to move."""
 
 
 def vacates(thing: SolvedThing, clouds: list[SweepCloud]) -> bool:
     """Whether a solved thing's motion is proved by the places it left."""
+    if may_be_ring(thing, clouds):
+        return False
     left, missing, meets_more = _judge(thing.clusters, thing.trajectory, clouds)
     return left >= VACATED and missing <= CONTRADICTED * left and meets_more
+
+
+def may_be_ring(thing: SolvedThing, clouds: list[SweepCloud]) -> bool:
+    """Whether a thing is flat and goes along with the recording car: so does the ring that a beam draws on roofs and
+    hoods, which are level and stand. Nobody meets such a ring where it was before."""
+    if np.median([one.high[2] - one.low[2] for one in thing.clusters]) >= RING:
+        return False
+    places = thing.trajectory.poses_at(np.array([one.time for one in thing.clusters]))[:, :2]
+    ego = np.array([clouds[one.sweep].position[:2] for one in thing.clusters])
+    way, of_ego, against_it = (float(np.linalg.norm(np.ptp(one, axis=0))) for one in (places, ego, places - ego))
+    return of_ego >= EGO_WAY and against_it < DRIFT_SHARE * way
 
 
 def may_vacate(clusters: list[Cluster], guess: Trajectory, clouds: list[SweepCloud]) -> bool:

@@ -5,7 +5,7 @@ import pytest
 
 from instdrive_core.tracks.candidates import Cluster
 from instdrive_core.tracks.linking import Chain, without_slivers
-from instdrive_core.tracks.motion_tests import moves_with_ego
+from instdrive_core.tracks.motion_tests import cut_to_movers, moves_with_ego
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
 
@@ -56,3 +56,28 @@ def test_what_drives_close_behind_and_falls_back_is_no_part():
     clouds, _ = drive(False)
     places = np.array([cloud.position[:2] for cloud in clouds]) - [[3.0 + 0.06 * step, 0.0] for step in range(30)]
     assert not moves_with_ego(places, clouds, list(range(30)))
+
+
+def walker_at(place, sweep):
+    across, up = np.meshgrid(np.arange(-0.3, 0.31, 0.1), np.arange(0.3, 1.7, 0.2))
+    points = np.column_stack([across.ravel(), np.zeros(across.size), up.ravel()]).astype(np.float32)
+    points[:, :2] += np.float32(place)
+    low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    return Cluster(sweep, np.arange(len(points)), points, 0.1 * sweep, low, high, 1.0)
+
+
+def test_who_turns_back_is_cut_where_he_turns():
+    clouds, _ = drive(False)
+    way = np.r_[np.arange(0, 2.1, 0.14), np.arange(2.1, 0.0, -0.14)]
+    clusters = [walker_at((place, 20.0), sweep) for sweep, place in enumerate(way)]
+    whole = Chain(clusters, [np.array([step, 0.0]) for step in np.diff(way)])
+    there, back = cut_to_movers(whole, clouds)
+    assert [len(there.clusters), len(back.clusters)] == pytest.approx([15, 15], abs=1)
+    assert np.sum(there.shifts, axis=0)[0] > 1.8
+    assert np.sum(back.shifts, axis=0)[0] < -1.6
+
+
+def test_what_stands_is_no_mover_however_it_is_cut():
+    clouds, _ = drive(False)
+    chain = Chain([walker_at((0.0, 20.0), sweep) for sweep in range(30)], [np.zeros(2)] * 29)
+    assert cut_to_movers(chain, clouds) == []

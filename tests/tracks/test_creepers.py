@@ -20,6 +20,15 @@ def test_a_sweep_tells_what_it_met_what_it_saw_through_and_what_it_could_not_see
     assert ask_sweep(places, image).tolist() == [MET, SEEN_THROUGH, UNSEEN, UNSEEN, UNSEEN]
 
 
+def test_a_sweep_sees_through_a_strip_that_others_leave():
+    across, up = np.meshgrid(np.arange(-8, 8, 0.03), np.arange(-2, 3, 0.03))
+    wall = np.column_stack([np.full(across.size, 30.0), across.ravel(), up.ravel()]).astype(np.float32)
+    roof = wall[wall[:, 2] < -0.1] * np.float32([0.2, 1, 1])  # a car before it hides all but what is over its roof
+    image = build_sweep_image(np.concatenate([wall, roof]), np.zeros(3))
+    assert ask_sweep(np.array([[15.0, 1.0, 0.02]]), image).tolist() == [SEEN_THROUGH]
+    assert ask_sweep(np.array([[15.0, 1.0, -0.3]]), image).tolist() == [UNSEEN]
+
+
 def creep(time):
     """Metres: 1.3 within 1.2 s, smoothly, then it stands."""
     share = min(max(time / 1.2, 0.0), 1.0)

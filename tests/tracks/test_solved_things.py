@@ -53,6 +53,28 @@ def test_what_nobody_saw_through_moves_if_it_is_met_often_and_fits_well(found):
     assert "seen" in why_not(replace(thing, clusters=hidden[: STEADY_SWEEPS - 1]), clouds)
 
 
+def test_what_is_taller_than_people_and_as_slim_is_the_end_of_a_wall(found):
+    clouds, _, things = found
+    thing = things[0]
+    local = thing.local_points()
+
+    def squeeze(width, height):
+        points = local / np.ptp(local, axis=0) * [width, width, height]
+        return why_not(_with_points(thing, points), clouds)
+
+    assert squeeze(0.4, 3.8) == "pole"
+    assert squeeze(0.4, 1.7) != "pole"
+    assert squeeze(1.8, 3.8) != "pole"
+
+
+def _with_points(thing, points):
+    class Squeezed(type(thing)):
+        def local_points(self):
+            return points
+
+    return Squeezed(thing.clusters, thing.observations, thing.packed, thing.trajectory, thing.ratio, thing.core_seen)
+
+
 def test_a_post_brushed_past_is_no_part_of_the_thing(found):
     clouds, _, things = found
     thing = things[0]
