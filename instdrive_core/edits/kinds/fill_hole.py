@@ -35,6 +35,7 @@ from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord
 from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.compact_objects import select_solid_points
+from instdrive_core.edits.sunlight.scene_light import find_hole_light
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
@@ -235,7 +236,9 @@ class FillHole(AppendEdit):
         shaded = find_shaded_cells(ground, known)
         if self.lit and not lies_in_shade(shaded, known, hole, grid.size):
             known &= ~shaded
-        return plan_fill(near, hole, ground, known, rng, self._find_parking_lines(document, grid))
+        lowest = self._find_parking_lines(document, grid)
+        light = find_hole_light(document, ground, known, hole, lowest, lost)
+        return plan_fill(near, hole, ground, known, rng, lowest, light)
 
     def _find_parking_lines(self, document: Document, grid: GroundGrid) -> Bool[ndarray, " b"] | None:
         lines = np.zeros(grid.shape[1], bool)
