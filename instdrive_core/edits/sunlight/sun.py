@@ -37,6 +37,8 @@ FINER = (5.0, 2.5)
 """Degrees between the directions around the best that are tried then."""
 SURE_SHADOW = 0.97
 """Probability that ground is dark where something that photos show keeps the sun away."""
+RIM_SHADOW = 0.4
+"""The same at the rim of its shadow, which points make broader than it is."""
 _STEPS = 16
 
 
@@ -128,8 +130,11 @@ def forecast_shade(
     standing: Bool[ndarray, " n"] | None = None,
 ) -> Float64[ndarray, " k"]:
     """Probability that each place on the ground lies in the shade of what is still `standing` of the rows' points."""
-    dark = _look_up(throw_shadows(rows, sun, standing), places, rows.grid.size)
-    return np.where(dark, SURE_SHADOW, _reach(sun, *_follow_rays(rows, sun, places, heights)).max(axis=1))
+    shadows = throw_shadows(rows, sun, standing)
+    inside = _look_up(np.asarray(ndimage.binary_erosion(shadows), bool), places, rows.grid.size)
+    rim = _look_up(shadows, places, rows.grid.size)
+    houses = _reach(sun, *_follow_rays(rows, sun, places, heights)).max(axis=1)
+    return np.maximum(houses, np.where(inside, SURE_SHADOW, np.where(rim, RIM_SHADOW, 0)))
 
 
 def throw_shadows(rows: StandingRows, sun: Sun, standing: Bool[ndarray, " n"] | None = None) -> Bool[ndarray, "a b"]:
