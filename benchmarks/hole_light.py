@@ -18,13 +18,13 @@ from instdrive_core.datasets.synthetic.world.rig import CAMERAS
 from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import MIN_SIGHTINGS
-from instdrive_core.edits.sunlight.scene_light import CELL, EVERY, HALF_LENGTH, HALF_WIDTH
-from instdrive_core.edits.sunlight.standing_rows import LOWEST, find_standing_rows
-from instdrive_core.edits.sunlight.street_light import StreetLight, find_street_light
+from instdrive_core.edits.holes.sunlight.standing_rows import LOWEST, find_standing_rows
+from instdrive_core.edits.holes.sunlight.street_light import StreetLight, find_street_light
+from instdrive_core.edits.holes.sunlight.stretch_light import CELL, EVERY, HALF_LENGTH, HALF_WIDTH
 from instdrive_core.scene.camera import Camera
 
 STRIDE = 3
-"""Of the photos every so-many-th pixel along and across is looked at."""
+"""Every so-many-th pixel of a photo along and across is looked at."""
 FARTHEST = 60.0
 """Metres."""
 

@@ -139,7 +139,7 @@ def list_hidden_ground(
 
 
 def _light(found: HiddenGround, street: MapLight, car: int) -> HiddenGround:
-    """The same ground, with the light on it that is told once the car is gone."""
+    """Lay on this ground the light that is told once the car is gone."""
     profile = profile_ground(found.ground, found.known & ~found.hole, found.parking)
     height = np.where(found.hole, profile, found.ground.height)
     light = street.light.light_ground(found.ground.grid, found.ground.color, found.hole, height, street.owners != car)

@@ -43,7 +43,7 @@ class GroundLight:
         return sources if np.count_nonzero(sources) >= LEAST_LEFT * np.count_nonzero(known) else known
 
     def refine(self, factor: int) -> GroundLight:
-        """The same light on a finer grid."""
+        """Cut each cell into `factor` × `factor` cells in the same light."""
         shaded, dimming = (np.repeat(np.repeat(each, factor, 0), factor, 1) for each in (self.shaded, self.dimming))
         return GroundLight(shaded, dimming)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,11 +20,11 @@ from instdrive_core.edits.holes.ground_light import GroundLight
 from instdrive_core.edits.holes.ground_map import MAX_SPLAT, GroundMap, build_ground_map, find_solid_cells
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane
 from instdrive_core.edits.holes.holes import EDGE, MIN_SIGHTINGS, PLANE_RADIUS
+from instdrive_core.edits.holes.sunlight.standing_rows import LOWEST, find_standing_rows
+from instdrive_core.edits.holes.sunlight.street_light import StreetLight, find_street_light
 from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject
 from instdrive_core.edits.queries.compact_objects import is_compact, is_tall
 from instdrive_core.edits.queries.placement import SOLID_OPACITY, find_lane
-from instdrive_core.edits.sunlight.standing_rows import LOWEST, find_standing_rows
-from instdrive_core.edits.sunlight.street_light import StreetLight, find_street_light
 from instdrive_core.errors import EditError
 from instdrive_core.instances.interiors import DEFAULT_CONFIG, fit_compact_object
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
@@ -36,7 +36,7 @@ from instdrive_core.scene.transforms import bake_transforms, compute_current_mea
 CELL = 0.2
 """Metres per side of a cell."""
 EVERY = 2
-"""Of the ground each so-many-th cell along and across is looked at."""
+"""Every so-many-th cell of the ground along and across is looked at."""
 HALF_LENGTH, HALF_WIDTH = 32.0, 13.0
 """Metres along and across the lane that are looked at around a station of the drive."""
 STATIONS = 10.0
@@ -96,7 +96,8 @@ def _find_stretch(document: Document, place: Float64[ndarray, "2"]) -> _Stretch 
     station = stations[int(np.linalg.norm(stations[:, :2] - place, axis=1).argmin())]
     away = find_away(document.transforms, np.arange(len(scene)))
     made = scene.extra.get(SYNTHETIC, np.zeros(len(scene), np.uint8))
-    parts = (scene.gaussians.means, scene.instance_ids, away, made, document.transforms.homes)
+    colors = scene.gaussians.sh_dc
+    parts = (scene.gaussians.means, colors, scene.instance_ids, away, made, document.transforms.homes)
     key = (*(digest_array(each) for each in parts), tuple(station.tolist()), len(scene.views))
     if key not in _kept:
         while len(_kept) >= MOST_KEPT:
@@ -149,7 +150,7 @@ def _look_along(document: Document, station: Float64[ndarray, "3"], rows: Int64[
     return _measure_light(document, grid, near, rows, level_views)
 
 
-def _follow_road(grid: GroundGrid, views: Sequence[CameraView]):
+def _follow_road(grid: GroundGrid, views: Sequence[CameraView]) -> Callable[[ndarray], ndarray]:
     """How many metres higher than the grid's plane the road is along the drive: as the cameras rise."""
     eyes = np.array([view.camera.position for view in views])
     along = (eyes[:, :2] - np.array(grid.corner)) @ grid.axes[0]
@@ -166,7 +167,8 @@ def _follow_road(grid: GroundGrid, views: Sequence[CameraView]):
     return rise
 
 
-def _lower(view: CameraView, rise) -> CameraView:
+def _lower(view: CameraView, rise: Callable[[ndarray], ndarray]) -> CameraView:
+    """The photo with its camera where it would be if the road did not rise."""
     pose = view.camera.world_from_camera.copy()
     pose[2, 3] -= rise(pose[None, :3, 3])[0]
     return replace(view, camera=replace(view.camera, world_from_camera=pose))

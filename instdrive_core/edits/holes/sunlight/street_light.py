@@ -10,9 +10,9 @@ from numpy import ndarray
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.ground_light import GroundLight
-from instdrive_core.edits.sunlight.standing_rows import StandingRows
-from instdrive_core.edits.sunlight.sun import GroundLights, Sun, find_sun, forecast_shade
-from instdrive_core.edits.sunlight.two_lights import TwoLights, fit_two_lights, measure_dimming
+from instdrive_core.edits.holes.sunlight.standing_rows import StandingRows
+from instdrive_core.edits.holes.sunlight.sun import GroundLights, Sun, find_sun, forecast_shade
+from instdrive_core.edits.holes.sunlight.two_lights import TwoLights, fit_two_lights, measure_dimming
 
 KERB = 0.07
 """Metres above the carriageway from which on ground is of another kind."""

@@ -30,7 +30,7 @@ class TwoLights:
     """How bright ground is in the sun and in the shade."""
 
     levels: Float64[ndarray, "2"]
-    """Logarithms of the brightness in the sun of carriageways and of what lies higher; NaN where too little is known."""
+    """Logarithms of the brightness in the sun of carriageways and of what lies higher; NaN = not enough is known."""
     ratio: float
     """Logarithm of how much brighter ground is in the sun than in the shade."""
 
@@ -39,8 +39,9 @@ class TwoLights:
         nothing is known of such ground."""
         brightness = np.log(np.maximum(color.mean(axis=-1), DARKEST))
         level = np.where(raised, self.levels[1], self.levels[0])
-        told = _compute_density(brightness - level + self.ratio) - _compute_density(brightness - level)
-        return np.clip(np.nan_to_num(told), -MOST_TOLD, MOST_TOLD)
+        away = brightness - np.where(np.isfinite(level), level, 0)
+        told = _compute_density(away + self.ratio) - _compute_density(away)
+        return np.where(np.isfinite(level), np.clip(told, -MOST_TOLD, MOST_TOLD), 0)
 
 
 def fit_two_lights(color: Float64[ndarray, "n 3"], raised: Bool[ndarray, " n"]) -> TwoLights | None:

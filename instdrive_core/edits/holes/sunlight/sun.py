@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy import ndimage
 
-from instdrive_core.edits.sunlight.house_heights import add_ground, infer_heights, weigh_seen_tops
-from instdrive_core.edits.sunlight.standing_rows import HEIGHTS, LEVEL, StandingRows
+from instdrive_core.edits.holes.sunlight.house_heights import add_ground, infer_heights, weigh_seen_tops
+from instdrive_core.edits.holes.sunlight.standing_rows import HEIGHTS, LEVEL, StandingRows
 
 TEMPER = 0.35
 """Share of what each cell tells that counts: neighbours tell the same."""
@@ -30,7 +30,7 @@ TALLER = 1.5
 AZIMUTHS, ELEVATIONS = np.arange(0, 360, 12), (22.0, 32.0, 42.0, 52.0, 62.0)
 """Degrees that are tried first."""
 THINNED = 3
-"""Of the ground every so-many-th cell is looked at for these."""
+"""Every so-many-th cell of the ground is looked at for these."""
 STEEPNESS = (12.0, 80.0)
 """Degrees: the lowest and the highest sun."""
 FINER = (5.0, 2.5)
@@ -38,7 +38,7 @@ FINER = (5.0, 2.5)
 SURE_SHADOW = 0.97
 """Probability that ground is dark where something that photos show keeps the sun away."""
 RIM_SHADOW = 0.4
-"""The same at the rim of its shadow, which points make broader than it is."""
+"""Probability at the rim of that shadow, which points make broader than it is."""
 _STEPS = 16
 
 
@@ -168,7 +168,7 @@ def _throw(
 
 def _look_up(cells: Bool[ndarray, "a b"], places: Float64[ndarray, "k 2"], size: float) -> Bool[ndarray, " k"]:
     found = np.floor(places / size).astype(np.int64)
-    inside = ((found >= 0) & (found < cells.shape)).all(axis=1)
+    inside: Bool[ndarray, " k"] = np.asarray(((found >= 0) & (found < cells.shape)).all(axis=1), bool)
     return cells[tuple(np.where(inside[:, None], found, 0).T)] & inside
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.sunlight.standing_rows import HEIGHTS, LEVEL
+from instdrive_core.edits.holes.sunlight.standing_rows import HEIGHTS, LEVEL
 
 JUMP = float(np.exp(-3.5))
 """Probability that the next place's height has nothing to do with this one's."""
