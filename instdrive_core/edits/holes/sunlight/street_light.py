@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 from numpy import ndarray
+from scipy import ndimage
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.ground_light import GroundLight
@@ -26,6 +27,8 @@ CLEAR = 1.0
 """Logarithm of the odds from which on ground counts as dark or bright."""
 TRUST = 0.5
 """Share of what the sun says about ground whose colour is known."""
+AROUND = 5
+"""Cells along and across whose median tells in which light a bright mark in the middle lies."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,10 @@ class StreetLight:
             forecast_shade(self.rows, self.sun, places, heights, there).reshape(grid.shape)
             for there in (None, standing)
         )
-        odds = TRUST * np.log((before + 0.05) / (1.05 - before)) + self.lights.tell_shade(color, raised)
+        told = self.lights.tell_shade(color, raised)
+        # A mark in the shade is as bright as ground in the sun; what is dark in the sun is better taken for shade.
+        told = np.maximum(told, ndimage.median_filter(told, AROUND, mode="nearest"))
+        odds = TRUST * np.log((before + 0.05) / (1.05 - before)) + told
         return GroundLight(np.where(hole, after, 1 / (1 + np.exp(-odds))), self.dimming[raised.astype(np.int64)])
 
 
