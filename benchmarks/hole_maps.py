@@ -5,8 +5,8 @@ because of a parked car, gives the fill the true colours of the rest (with the c
 compares what it lays with the street ray-traced without the car. Trains nothing, so it is many times as fast as
 `benchmarks.holes`, whose trained scenes are the judge in the end.
 
-Prints one JSON line, medians over cars: PSNR (dB), the mean error of colours blurred over two cells, and the share of
-the squared error that lies on ground in the shade.
+Prints one JSON line, medians over cars: PSNR (dB), the mean error of colours blurred over two cells, the share of
+the squared error that lies on ground in the shade, and the share of the hole whose light (sun or shade) the fill knows.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from numpy import ndarray
 from scipy import ndimage
 
+from benchmarks.hole_light import MapLight, build_street_grid, choose_known, coarsen, find_map_light, list_cameras
 from benchmarks.hole_streets import GROUND
 from instdrive_core.datasets.synthetic.config import STEP_SECONDS, StreetConfig
 from instdrive_core.datasets.synthetic.sensors.render import StepRenderer
@@ -34,6 +35,7 @@ from instdrive_core.edits.holes.fill_plan import choose_ground_pieces, profile_g
 from instdrive_core.edits.holes.free_space import find_shown_points
 from instdrive_core.edits.holes.ground_cells import grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
+from instdrive_core.edits.holes.ground_light import GroundLight
 from instdrive_core.edits.holes.ground_map import GroundMap
 from instdrive_core.edits.holes.holes import (
     CELL,
@@ -65,6 +67,8 @@ class Options:
 
     seeds: tuple[int, ...] = (51, 52, 53, 54, 55)
     every: int = 2
+    light: bool = True
+    """Whether the fill asks where the sun stands."""
 
 
 @dataclass(frozen=True)
@@ -79,36 +83,51 @@ class HiddenGround:
     """In the sun."""
     parking: Bool[ndarray, " b"]
     """Lines along the lane on which the car stood."""
+    light: GroundLight | None = None
+    """What the fill knows of the light."""
 
 
 def main(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
     results = []
     for seed in options.seeds:
-        for number, found in list_hidden_ground(build_street(StreetConfig(seed=seed)), options.every, seed):
+        street = build_street(StreetConfig(seed=seed))
+        light = _look_along(street, options.every) if options.light else None
+        for number, found in list_hidden_ground(street, options.every, seed, light):
             results.append(measure_fill(found))
             print(f"{seed}-{number}", *(f"{value:.3f}" for value in results[-1]), file=sys.stderr, flush=True)
-    psnr, blur, shade = (round(float(value), 3) for value in np.median(results, axis=0))
-    return {"ground_psnr": psnr, "ground_blur": blur, "error_in_shade": shade, "cars": len(results)}
+    psnr, blur, shade, told = (round(float(value), 3) for value in np.median(results, axis=0))
+    means = [round(float(value), 3) for value in np.mean(results, axis=0)]
+    return {
+        "ground_psnr": psnr, "ground_blur": blur, "error_in_shade": shade, "light_told": told, "means": means,
+        "cars": len(results),
+    }  # fmt: skip
 
 
-def measure_fill(found: HiddenGround) -> tuple[float, float, float]:
-    """PSNR, blurred error, and the share of the squared error in the shade."""
-    profile = profile_ground(found.ground, found.known & ~found.hole, found.parking)
-    sources = choose_ground_pieces(found.ground, found.known, found.hole, np.random.default_rng(0), profile)
+def measure_fill(found: HiddenGround) -> tuple[float, float, float, float]:
+    """PSNR, blurred error, the share of the squared error in the shade, and that of the hole whose light is known."""
+    profile, light = profile_ground(found.ground, found.known & ~found.hole, found.parking), found.light
+    known = found.known if light is None else light.find_sources(found.known)
+    sources = choose_ground_pieces(found.ground, known, found.hole, np.random.default_rng(0), profile, light)
     assert sources is not None
     offsets = sources - np.indices(found.hole.shape).transpose(1, 2, 0)
-    filled = np.clip(blend_copies(found.ground.color, found.known, found.hole, offsets, levels=profile), 0, 1)
+    shares = np.ones((1, 1, 3)) if light is None else light.compute_shares(found.hole)
+    filled = blend_copies(found.ground.color / shares, known, found.hole, offsets, levels=profile) * shares
+    filled = np.clip(filled, 0, 1)
+    told = 0.0 if light is None else float(((light.shaded > 0.5) != found.lit)[found.hole].mean())
     difference = np.where(found.hole[..., None], filled - found.truth, 0)
     weight = ndimage.gaussian_filter(found.hole.astype(np.float64), BLUR)
     blurred = np.asarray(ndimage.gaussian_filter(difference, (BLUR, BLUR, 0))) / np.maximum(weight, 1e-6)[..., None]
     squares = (difference**2).mean(axis=2)[found.hole]
     shade = squares[~found.lit[found.hole]].sum() / max(squares.sum(), 1e-9)
-    return float(-10 * np.log10(squares.mean())), float(np.abs(blurred[found.hole]).mean()), float(shade)
+    return float(-10 * np.log10(squares.mean())), float(np.abs(blurred[found.hole]).mean()), float(shade), told
 
 
-def list_hidden_ground(street: Street, every: int, seed: int) -> Iterator[tuple[int, HiddenGround]]:
-    """Parked cars beside the drive, by number of the actor, and the ground around each."""
+def list_hidden_ground(
+    street: Street, every: int, seed: int, light: MapLight | None = None
+) -> Iterator[tuple[int, HiddenGround]]:
+    """Parked cars beside the drive, by number of the actor, and the ground around each; the fill is told the `light`
+    of the street."""
     times = [step * STEP_SECONDS for step in range(0, StreetConfig().steps, every)]
     drive = np.array([compute_ego_pose(street, time)[:2, 3] for time in times])
     for number, actor in enumerate(street.actors):
@@ -116,7 +135,32 @@ def list_hidden_ground(street: Street, every: int, seed: int) -> Iterator[tuple[
         if not actor.route.moves and actor.label == "Car" and away.min() < NEAREST:
             found = _look_under(street, number, actor, times, times[int(away.argmin())], seed)
             if found.hole.any() and found.known.any():
-                yield number, found
+                yield number, found if light is None else _light(found, light, street.actor_id(number))
+
+
+def _light(found: HiddenGround, street: MapLight, car: int) -> HiddenGround:
+    """Lay on this ground the light that is told once the car is gone."""
+    profile = profile_ground(found.ground, found.known & ~found.hole, found.parking)
+    height = np.where(found.hole, profile, found.ground.height)
+    light = street.light.light_ground(found.ground.grid, found.ground.color, found.hole, height, street.owners != car)
+    return replace(found, light=light)
+
+
+def _look_along(street: Street, every: int) -> MapLight | None:
+    """The light on the street around the middle of the drive, from what its photos show."""
+    times = [step * STEP_SECONDS for step in range(0, StreetConfig().steps, every)]
+    middle = times[len(times) // 2]
+    grid = build_street_grid(float(compute_ego_pose(street, middle)[1, 3]))
+    coarse = coarsen(grid)
+    renderer = StepRenderer(street.geometry(middle), street.materials, street.light)
+    color, ids = _photograph_from_above(renderer, coarse)
+    names = np.array(["", *(fixture.label for fixture in street.fixtures)])
+    classes = names[np.where(ids < len(names), ids, 0)]
+    heights = np.where(classes == "Sidewalk", CURB_HEIGHT, 0.0)
+    points = np.c_[coarse.compute_centers(coarse.list_cells()), heights.ravel() + 0.03]
+    seen, _ = _count_photos(street, (renderer, renderer), points, times)
+    known = choose_known(grid, color, classes, seen.reshape(coarse.shape))
+    return find_map_light(street, list_cameras(street, times), known)
 
 
 def _look_under(

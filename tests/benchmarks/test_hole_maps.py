@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.hole_maps import HiddenGround, measure_fill
 from instdrive_core.edits.holes.ground_grid import GroundGrid
+from instdrive_core.edits.holes.ground_light import GroundLight
 from instdrive_core.edits.holes.ground_map import GroundMap
 
 
@@ -24,13 +27,21 @@ def _make_street(under: float) -> HiddenGround:
 
 
 def test_even_ground_is_guessed_right() -> None:
-    psnr, blur, _ = measure_fill(_make_street(0.5))
+    psnr, blur, *_ = measure_fill(_make_street(0.5))
     assert psnr > 60
     assert blur < 1e-3
 
 
 def test_the_error_lies_where_the_guess_is_wrong() -> None:
-    psnr, blur, shade = measure_fill(_make_street(0.3))
+    psnr, blur, shade, _ = measure_fill(_make_street(0.3))
     assert psnr == pytest.approx(-10 * np.log10(0.04 / 2), abs=0.2)
     assert 0.05 < blur < 0.15
     assert shade > 0.99
+
+
+def test_who_is_told_the_shade_lays_it() -> None:
+    found = _make_street(0.3)
+    light = GroundLight((~found.lit & found.hole).astype(float), np.full((*found.hole.shape, 3), 0.6))
+    psnr, _, _, told = measure_fill(replace(found, light=light))
+    assert told == 1
+    assert psnr > measure_fill(found)[0] + 6

@@ -10,6 +10,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
+from instdrive_core.edits.holes.ground_light import GroundLight
 from instdrive_core.edits.holes.ground_map import BARE, GROUND_BAND, GroundMap, build_ground_map
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells, profile_lines
 from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
@@ -97,17 +98,21 @@ def plan_fill(
     known: Bool[ndarray, "a b"],
     rng: np.random.Generator,
     lowest: Bool[ndarray, " b"] | None = None,
+    light: GroundLight | None = None,
 ) -> FillPlan:
     """Plan which ground is copied where; only `known` cells are copied. Raises EditError where there are none.
 
-    Pieces are chosen cell by cell; colours are copied in a finer grid, where their seams are blended.
+    Pieces are chosen cell by cell; colours are copied in a finer grid, where their seams are blended. With `light`, as
+    they would be in the sun.
     """
     grid = ground.grid
     profile = profile_ground(ground, known & ~hole, lowest)
-    sources = choose_ground_pieces(ground, known, hole, rng, profile)
+    if light is not None:
+        known = light.find_sources(known)
+    sources = choose_ground_pieces(ground, known, hole, rng, profile, light)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
-    level = _estimate_road_level(ground, known)
+    level = estimate_road_level(ground, known)
     copied = np.maximum(sources, 0)
     heights = np.where(hole, (ground.height - level)[copied[..., 0], copied[..., 1]] + level, ground.height)
     fine = build_ground_map(refine_grid(grid, DETAIL), near)
@@ -116,7 +121,8 @@ def plan_fill(
     broad = np.repeat(np.repeat(ground.color, DETAIL, axis=0), DETAIL, axis=1)
     shown = np.where((fine.cover >= BARE)[..., None], fine.color, broad)
     levels = np.repeat(np.repeat(profile, DETAIL, axis=0), DETAIL, axis=1)
-    colors = blend_copies(shown, fine_known, fine_hole, offsets, levels=levels)
+    shares = np.ones((1, 1, 3)) if light is None else light.refine(DETAIL).compute_shares(fine_hole, DETAIL)
+    colors = blend_copies(shown / shares, fine_known, fine_hole, offsets, levels=levels) * shares
     surface = _lay_tiles(fine.grid, fine_hole, np.kron(heights, np.ones((DETAIL, DETAIL))))
     bed = _lay_tiles(grid, hole, heights - BED_DEPTH)
     bed_colors = colors.reshape(hole.shape[0], DETAIL, hole.shape[1], DETAIL, 3).mean(axis=(1, 3))[hole]
@@ -145,13 +151,17 @@ def choose_ground_pieces(
     hole: Bool[ndarray, "a b"],
     rng: np.random.Generator,
     profile: Float64[ndarray, "a b"],
+    light: GroundLight | None = None,
 ) -> Int64[ndarray, "a b 2"] | None:
     """For each cell of the hole the `known` cell to copy, -1 elsewhere; None where nothing is known.
 
-    `profile` says how high the ground is that belongs to each cell, metres.
+    `profile` says how high the ground is that belongs to each cell, metres. With `light`, ground is compared as it
+    would be in the sun.
     """
-    values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
-    return choose_source_cells(values, known, hole, rng, GROUND_PIECES, profile)
+    color = ground.color if light is None else ground.color / light.compute_shares(hole)
+    values = np.dstack([color, HEIGHT_WEIGHT * ground.height])
+    costs = None if light is None else light.compute_costs()
+    return choose_source_cells(values, known, hole, rng, GROUND_PIECES, profile, costs)
 
 
 def _lay_tiles(
@@ -163,7 +173,7 @@ def _lay_tiles(
     return places
 
 
-def _estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
+def estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
     """Metres above the plane of the carriageway under or beside each cell: roads are cambered, kerbs do not count."""
     low = good & (np.abs(ground.height) <= ROAD_BAND)
     spread = ROAD_SMOOTHING / ground.grid.size

@@ -66,11 +66,13 @@ def choose_source_cells(
     rng: np.random.Generator,
     config: ExemplarConfig = DEFAULT_CONFIG,
     guide: Float64[ndarray, "a b"] | None = None,
+    extra: Float64[ndarray, "a b"] | None = None,
 ) -> Int64[ndarray, "a b 2"] | None:
     """For each cell of the hole the known cell to copy, -1 elsewhere; None where nothing is known.
 
     Axis 0 runs along the lane. Cells that are neither known nor of the hole are left out of comparisons. A `guide` says
-    of every cell, known or not, what belongs there.
+    of every cell, known or not, what belongs there. Squared differences of `extra`, known everywhere, too, are added to
+    what a piece costs.
     """
     known = known & ~hole
     window = _cut_window(known, hole, config, guide)
@@ -84,6 +86,8 @@ def choose_source_cells(
     candidates = np.moveaxis(patches[tuple(middles.T)], 1, -1).copy()
     guided = np.pad(np.zeros(hole.shape) if guide is None else guide, pad, mode="edge")
     guides = sliding_window_view(guided, (window, window))[tuple(middles.T)].copy()
+    added = np.pad(np.zeros(hole.shape) if extra is None else extra, pad, mode="edge")
+    extras = sliding_window_view(added, (window, window))[tuple(middles.T)].copy()
     lines = continue_lines(values, known, config.line_reach) if config.line_penalty else np.full(values.shape, np.nan)
     lines = np.pad(lines, ((pad, pad), (pad, pad), (0, 0)), constant_values=np.nan)
     sources, uses = np.full((*hole.shape, 2), -1), np.zeros(len(middles))
@@ -96,6 +100,8 @@ def choose_source_cells(
         least += config.reuse_penalty * uses
         if guide is not None:
             least += config.guide_penalty * ((guides[:, todo[part]] - guided[part][todo[part]]) ** 2).mean(axis=1)
+        if extra is not None:
+            least += ((extras[:, todo[part]] - added[part][todo[part]]) ** 2).mean(axis=1)
         scales = 1 + config.variety * rng.random(len(middles))
         if there.any():
             least += _measure_differences(candidates, padded[part], there)

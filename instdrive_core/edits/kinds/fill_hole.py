@@ -32,6 +32,7 @@ from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
 from instdrive_core.edits.holes.parking_lines import find_parking_lines
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
+from instdrive_core.edits.holes.sunlight.stretch_light import find_hole_light
 from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.compact_objects import select_solid_points
@@ -235,7 +236,9 @@ class FillHole(AppendEdit):
         shaded = find_shaded_cells(ground, known)
         if self.lit and not lies_in_shade(shaded, known, hole, grid.size):
             known &= ~shaded
-        return plan_fill(near, hole, ground, known, rng, self._find_parking_lines(document, grid))
+        lowest = self._find_parking_lines(document, grid)
+        light = find_hole_light(document, ground, known, hole, lowest, lost)
+        return plan_fill(near, hole, ground, known, rng, lowest, light)
 
     def _find_parking_lines(self, document: Document, grid: GroundGrid) -> Bool[ndarray, " b"] | None:
         lines = np.zeros(grid.shape[1], bool)
