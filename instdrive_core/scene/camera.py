@@ -42,16 +42,17 @@ class PhotoLag:
         """Transform it by [s R | t], with the scene."""
         center = matrix[:, :3] @ self.center + matrix[:, 3]
         start, left = (matrix[:, :3] @ side / np.linalg.norm(matrix[:, 0]) for side in (self.start, self.left))
-        return replace(self, center=_to_vector(center), start=_to_vector(start), left=_to_vector(left))
+        return replace(self, center=to_vector(center), start=to_vector(start), left=to_vector(left))
 
     @staticmethod
     def look_from(center: Float[ndarray, "3"], start: float, turn: float, began: float, taken: float) -> PhotoLag:
         """Build it of a LiDAR that stands upright and begins to turn in the direction `start`, radians from x."""
-        sides = [np.cos(start), np.sin(start), 0.0], [-np.sin(start), np.cos(start), 0.0]
-        return PhotoLag(_to_vector(center), *(_to_vector(np.array(side)) for side in sides), turn, began, taken)
+        x, y = float(np.cos(start)), float(np.sin(start))
+        return PhotoLag(to_vector(center), (x, y, 0.0), (-y, x, 0.0), turn, began, taken)
 
 
-def _to_vector(array: Float[ndarray, "3"]) -> Vector:
+def to_vector(array: Float[ndarray, "3"]) -> Vector:
+    """Convert an array into a value that can be compared and hashed."""
     x, y, z = array.tolist()
     return x, y, z
 

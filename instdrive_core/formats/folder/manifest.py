@@ -13,7 +13,7 @@ from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.formats.folder.arrays import EXTRA
 from instdrive_core.formats.ply.columns import check_extra_column
 from instdrive_core.instances.table import Instance, InstanceTable, compute_middle_bounds, find_main_nodes
-from instdrive_core.scene.camera import Camera, CameraView, PhotoLag
+from instdrive_core.scene.camera import Camera, CameraView, PhotoLag, to_vector
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
@@ -188,12 +188,12 @@ def _parse_lag(entry: dict[str, Any]) -> PhotoLag | None:
     if "lag" not in entry:
         return None
     written = entry["lag"]
-    center, start, left = ([float(value) for value in written[name]] for name in ("center", "start", "left"))
+    center, start, left = (np.array(written[name], np.float64) for name in ("center", "start", "left"))
     turn, began, taken = (float(written[name]) for name in ("turn", "began", "taken"))
-    numbers = (*center, *start, *left, turn, began, taken)
-    if not len(center) == len(start) == len(left) == 3 or not all(map(math.isfinite, numbers)) or turn == 0:
+    is_whole = center.shape == start.shape == left.shape == (3,)
+    if not is_whole or not np.isfinite([*center, *start, *left, turn, began, taken]).all() or turn == 0:
         raise ValueError(f"view {entry['name']}/{entry['index']} has the lag {written}")
-    return PhotoLag((*center,), (*start,), (*left,), turn, began, taken)
+    return PhotoLag(to_vector(center), to_vector(start), to_vector(left), turn, began, taken)
 
 
 def _parse_mover(entry: dict[str, Any]) -> SeenMover:
