@@ -159,7 +159,8 @@ class Navigation:
 
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Leave the dataset camera and look from a viewpoint."""
-        self._state.viewpoint, self._state.dataset_view = replace(viewpoint, lag=None), None
+        plain = viewpoint if viewpoint.lag is None else replace(viewpoint, lag=None)
+        self._state.viewpoint, self._state.dataset_view = plain, None
 
     def look_from_kept(self, viewpoint: Viewpoint, time: float) -> None:
         """Look from a viewpoint at a time in seconds, without a dataset camera."""

@@ -92,7 +92,7 @@ def test_processes_that_crash_babble_or_hang_are_failed_rows(monkeypatch: pytest
     for output in ("", "done\n", "[1, 2]\n"):
         assert read_result(0, output, "")["reason"] == "its last line is no JSON object"
     monkeypatch.setattr(gpu_check, "ROOT", ROOT / "tests")
-    assert run_row("machine", 0.01, {}) == {"status": FAILED, "reason": "not done within 0 s"}
+    assert run_row("machine", 0.0, {}) == {"status": FAILED, "reason": "not done within 0 s"}
     assert run_row("machine", 20, {})["reason"].startswith("exit status 1: ")
 
 
