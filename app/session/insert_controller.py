@@ -15,7 +15,6 @@ from instdrive_app.messages import read_error
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.state import Viewpoint
-from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.insert import InsertScene
 from instdrive_core.edits.queries.coordinates import FARTHEST_MIDDLE, measure_distance, measure_offset
@@ -23,6 +22,7 @@ from instdrive_core.edits.queries.placement import estimate_foot, find_ground_be
 from instdrive_core.errors import EditError
 from instdrive_core.formats.registry import find_stated_up, open_scene
 from instdrive_core.instances.table import compute_middle_bounds
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.up_estimate import UpEstimate, estimate_up
 from instdrive_core.wording import phrase

@@ -16,7 +16,6 @@ from instdrive_app.messages import user_message
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.selection_box import Box, SelectionBoxes
 from instdrive_core.edits.bases.append import AppendEdit
-from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.bases.relabel import create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.compound import CompoundEdit
@@ -29,6 +28,7 @@ from instdrive_core.edits.queries.placement import find_lane
 from instdrive_core.errors import EditError
 from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.rotations import quaternion_from_matrix
+from instdrive_core.maths.vectors import Vector, to_vector
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import extract_scale
 from instdrive_core.scene.vehicle_path import PathKey
@@ -161,7 +161,7 @@ class MoveController:
         matrix = document.transforms.get_move(int(document.transforms.indices[document.find_rows((first.id,))[0]]))
         turned = document.scene.actors[first.node - 1].interpolate_pose(time) if first.node else matrix
         yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
-        return Placement(_as_vector(self.find_center()), yaw, extract_scale(matrix))
+        return Placement(to_vector(self.find_center()), yaw, extract_scale(matrix))
 
     def place(self, before: Placement, wanted: Placement, gesture: str | None = None) -> None:
         """Move from one placement to another; onto the ground where that is switched on and no height was typed."""
@@ -171,7 +171,7 @@ class MoveController:
         self._context.apply(
             lambda: MoveInstances(
                 self.ids,
-                _as_vector(np.subtract(wanted.position, before.position)),
+                to_vector(np.subtract(wanted.position, before.position)),
                 (math.cos(half), 0.0, 0.0, math.sin(half)),
                 clamp_scale(wanted.scale / before.scale),
                 before.position,
@@ -187,7 +187,7 @@ class MoveController:
         document, ids, time, ground = self._document, self.ids, self._state.time, self.options.on_ground
 
         def edit() -> MoveInstances:
-            shift = _as_vector(find_lane(document, ids, self.find_center(), time) * metres)
+            shift = to_vector(find_lane(document, ids, self.find_center(), time) * metres)
             return MoveInstances(ids, shift, time=time, on_ground=ground)
 
         self._context.apply(edit, gesture)
@@ -232,7 +232,7 @@ class MoveController:
             return
         lane = self.find_lane()
         direction = np.array([1.0, 0.0, 0.0]) if lane is None else lane
-        edit = DuplicateInstances(ids, _as_vector(direction * (self.find_box().extent(direction) + COPY_GAP)))
+        edit = DuplicateInstances(ids, to_vector(direction * (self.find_box().extent(direction) + COPY_GAP)))
         document.run_deferred()
 
         def finish(_: None = None) -> None:
@@ -273,10 +273,10 @@ class MoveController:
         try:
             edit = MoveInstances(
                 drag.ids,
-                _as_vector(shift),
+                to_vector(shift),
                 tuple(quaternion_from_matrix(np.asarray(rotation, np.float64)).tolist()),
                 clamp_scale(scale),
-                _as_vector(drag.center),
+                to_vector(drag.center),
                 drag.time,
                 yaw_only=self.yaw_only,
                 along_lane=self.options.along_lane and lane is None,  # then the edit reports that no lane is known
@@ -304,11 +304,6 @@ class MoveController:
         document = self._context.document
         assert document is not None, "no document is open"
         return document
-
-
-def _as_vector(values: Float[ndarray, "3"]) -> Vector:
-    x, y, z = np.asarray(values, np.float64).tolist()
-    return x, y, z
 
 
 def clamp_scale(scale: float) -> float:

@@ -11,7 +11,6 @@ from numpy import ndarray
 
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.navigation import Navigation
-from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.move import MoveInstances
@@ -19,6 +18,7 @@ from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.queries.scene_up import estimate_document_up
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import quaternion_from_matrix
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.project.sources import has_cameras_beside
 from instdrive_core.scene.transforms import Similarity, compose_transforms, invert_transform
 from instdrive_core.scene.up_estimate import UpEstimate

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from numpy import ndarray
 
-Vector = tuple[float, float, float]
+from instdrive_core.maths.vectors import Vector, to_vector
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,6 @@ class PhotoLag:
         """Build it of a LiDAR that stands upright and begins to turn in the direction `start`, radians from x."""
         x, y = float(np.cos(start)), float(np.sin(start))
         return PhotoLag(to_vector(center), (x, y, 0.0), (-y, x, 0.0), turn, began, taken)
-
-
-def to_vector(array: Float[ndarray, "3"]) -> Vector:
-    """Convert an array into a value that can be compared and hashed."""
-    x, y, z = array.tolist()
-    return x, y, z
 
 
 @dataclass(frozen=True)

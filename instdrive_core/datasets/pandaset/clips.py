@@ -116,12 +116,6 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         for index in sorted(list_numbered_files(root / "lidar"))
         if first <= index <= last
     ]
-    taken = {
-        f"{camera.name}/{index:02d}": camera.stamps[index] - start
-        for camera in cameras
-        for index in camera.photos
-        if index < len(camera.stamps)
-    }
     # Where there is not one sweep, training starts as from any other photos.
     points = None if sweeps else SparsePoints.none()
     tracks, merged = load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin)
@@ -130,7 +124,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         path=str(root),
         name=root.resolve().name,
         origin=origin,
-        frames=tuple(add_photo_lags(frames, sweeps, taken)),
+        frames=tuple(add_photo_lags(frames, sweeps, _list_photo_times(cameras, start))),
         sweeps=tuple(sweeps),
         tracks=tracks,
         class_names=classes,
@@ -263,6 +257,16 @@ def _build_frames(
         view = CameraView(posed, camera.name, index, times[index], str(photo), is_held_out(index))
         frames.append(Frame(view, partial(load_photo, photo, full_size, (scaled.width, scaled.height)), valid))
     return frames
+
+
+def _list_photo_times(cameras: list[_CameraFiles], start: float) -> dict[str, float]:
+    """When each photo was taken, seconds as the clip counts them, by its frame's key."""
+    return {
+        f"{camera.name}/{index:02d}": camera.stamps[index] - start
+        for camera in cameras
+        for index in camera.photos
+        if index < len(camera.stamps)
+    }
 
 
 def _build_ego_mask(camera: Camera) -> Bool[ndarray, "h w"]:

@@ -12,12 +12,12 @@ from numpy import ndarray
 from instdrive_core.edits.bases.append import AppendEdit
 from instdrive_core.edits.bases.editable import check_unlocked
 from instdrive_core.edits.bases.flags import FlagChange
-from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.bases.relabel import restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC, find_shadow
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import phrase
 

@@ -7,9 +7,8 @@ from collections.abc import Iterable, Sequence
 from typing import TypeGuard
 
 from instdrive_core.errors import EditError
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.wording import phrase
-
-Vector = tuple[float, float, float]
 
 
 def is_whole(value: object) -> TypeGuard[int]:

@@ -73,8 +73,7 @@ def count_sightings(
     poses = np.tile(np.eye(3, 4), (len(views), len(occluders), 1, 1))
     for number, occluder in enumerate(occluders):
         if occluder.track is not None:
-            shown = [occluder.track.interpolate_pose(view.time, view.camera.lag) for view in views]
-            poses[:, number] = np.stack(shown)[:, :3]
+            poses[:, number] = [occluder.track.interpolate_pose(view.time, view.camera.lag)[:3] for view in views]
         near[:, number] = _find_near(occluder, times, cameras[:, 12:15], poses[:, number])
     moves = np.array([each.track is not None for each in occluders], np.bool_)
     points = np.ascontiguousarray(points, np.float64)

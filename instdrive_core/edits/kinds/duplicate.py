@@ -9,10 +9,11 @@ import numpy as np
 
 from instdrive_core.edits.bases.append import Addition, AppendEdit, make_unique_track_id
 from instdrive_core.edits.bases.editable import find_editable_parts
-from instdrive_core.edits.bases.parameters import Vector, check_ids, check_vector
+from instdrive_core.edits.bases.parameters import check_ids, check_vector
 from instdrive_core.edits.bases.relabel import create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import describe_ids
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import phrase
 

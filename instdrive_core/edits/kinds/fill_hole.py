@@ -13,7 +13,6 @@ from numpy import ndarray
 from instdrive_core.edits.bases.append import Addition, AppendEdit
 from instdrive_core.edits.bases.flags import FlagChange
 from instdrive_core.edits.bases.parameters import (
-    Vector,
     check_ids,
     check_number,
     check_number_list,
@@ -37,6 +36,7 @@ from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.compact_objects import select_solid_points
 from instdrive_core.errors import EditError
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import find_away

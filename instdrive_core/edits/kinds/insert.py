@@ -12,11 +12,12 @@ from jaxtyping import Float, Float32
 from numpy import ndarray
 
 from instdrive_core.edits.bases.append import Addition, AppendEdit, make_unique_track_id
-from instdrive_core.edits.bases.parameters import Vector, check_vector
+from instdrive_core.edits.bases.parameters import check_vector
 from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import phrase

@@ -12,7 +12,6 @@ from numpy import ndarray
 
 from instdrive_core.edits.bases.editable import check_unlocked, find_editable_parts
 from instdrive_core.edits.bases.parameters import (
-    Vector,
     check_ids,
     check_number,
     check_number_list,
@@ -28,6 +27,7 @@ from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.edits.queries.placement import compute_bottom, compute_center, find_ground_below, find_lane
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import matrix_from_quaternion
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import Similarity, move_entry
 from instdrive_core.wording import phrase

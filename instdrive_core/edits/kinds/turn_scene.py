@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64, UInt16
 from numpy import ndarray
 
-from instdrive_core.edits.bases.parameters import Vector, check_number, check_number_list, check_vector
+from instdrive_core.edits.bases.parameters import check_number, check_number_list, check_vector
 from instdrive_core.edits.bases.relabel import recount_instances, restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
@@ -22,6 +22,7 @@ from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Bounds, Instance
 from instdrive_core.maths.rotations import matrix_from_quaternion, quaternion_from_matrix
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.pose_transforms import rotate_sky, transform_bounds, transform_track, transform_view
 from instdrive_core.scene.sky import Sky

@@ -13,7 +13,8 @@ from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.formats.folder.arrays import EXTRA
 from instdrive_core.formats.ply.columns import check_extra_column
 from instdrive_core.instances.table import Instance, InstanceTable, compute_middle_bounds, find_main_nodes
-from instdrive_core.scene.camera import Camera, CameraView, PhotoLag, to_vector
+from instdrive_core.maths.vectors import to_vector
+from instdrive_core.scene.camera import Camera, CameraView, PhotoLag
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene

@@ -13,7 +13,7 @@ from numpy import ndarray
 from instdrive_core.edits.bases.append import Addition, AppendEdit, make_unique_track_id
 from instdrive_core.edits.bases.driven_track import Keys, build_path_keys, check_keys, drive_along, find_drive_times
 from instdrive_core.edits.bases.editable import find_editable_parts
-from instdrive_core.edits.bases.parameters import Vector, check_ids
+from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.bases.relabel import create_instances, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.placement import find_solid
@@ -21,6 +21,7 @@ from instdrive_core.errors import EditError
 from instdrive_core.instances.oriented_box import find_main_parts, fit_upright_box
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
+from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
