@@ -266,5 +266,5 @@ def _load_undistorted(
 def describe_start(count: int) -> str:
     """Say what training of a clip without LiDAR starts from."""
     if count:
-        return f"no LiDAR: starting from {count:,} sparse points"
-    return "no LiDAR and no points: starting from random points before the cameras"
+        return f"no LiDAR: starting from {count:,} sparse points and from what photos agree on"
+    return "no LiDAR and no points: starting from what photos agree on"

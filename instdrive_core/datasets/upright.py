@@ -15,8 +15,9 @@ _CLEAR = 0.3
 """Length that the mean of unit up vectors needs to mean anything."""
 PLAUSIBLE_REACH = (1.0, 100.0)
 """Median distance of points from the nearest camera of a drive, were it metres."""
-PLAUSIBLE_SPREAD = (1.0, 10_000.0)
-"""Largest distance of a camera from the cameras' mean, were it metres; looked at where there are no points."""
+PLAUSIBLE_SPREAD = (2.0, 10_000.0)
+"""Largest distance of a camera from the cameras' mean, were it metres; looked at where there are no points. Many tools
+shrink all cameras into a cube from -1 to 1."""
 ASSUMED = 15.0
 """Metres that an implausible distance is taken for."""
 _MOST_LOOKED_AT = 20_000

@@ -38,6 +38,7 @@ from instdrive_core.training.run import (
 from instdrive_core.training.settings.config import Device, TrainConfig
 from instdrive_core.training.settings.events import Event
 from instdrive_core.training.trainer import Trainer
+from instdrive_core.training.views.photo_depth import estimate_missing_depths
 from instdrive_core.training.views.view_store import ViewStore, open_view_store
 from instdrive_core.training.warm_up import compile_kernels
 
@@ -73,7 +74,7 @@ def run_improvement(request: Improvement, on_event: Callable[[Event], None], on_
         check_gpu_memory(request.config, free)
     masks = open_base_masks(base)
     clip, _ = set_movers_apart(base.clip, masks, base.facts.get("tracks"), on_note)
-    with open_view_store(clip, masks) as store:
+    with open_view_store(clip, masks, photo_depths=estimate_missing_depths(clip, on_note)) as store:
         compile_kernels(on_note)
         trainer = _build_trainer(request, store, backend, on_note)
         write_run_facts(out / CONFIG, _collect_config(request))

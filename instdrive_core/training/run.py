@@ -46,6 +46,7 @@ from instdrive_core.training.settings.clip_size import AskedSizes, fit_to_clip, 
 from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, PieceChoice, TrainConfig, keep_cameras
 from instdrive_core.training.settings.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.trainer import Trainer
+from instdrive_core.training.views.photo_depth import estimate_missing_depths
 from instdrive_core.training.views.view_store import ViewStore, open_view_store
 from instdrive_core.training.warm_up import compile_kernels
 
@@ -150,7 +151,8 @@ def run_training(
         notes.add(note)
     _note_what_is_missing(clip, request.config, notes.add)
     clip, movers = set_movers_apart(clip, masks, request.tracks, notes.add)
-    with open_view_store(clip, masks) as store:
+    depths = None if request.config.freeze_geometry else estimate_missing_depths(clip, notes.add)
+    with open_view_store(clip, masks, photo_depths=depths) as store:
         compile_kernels(notes.add)
         trainer = _build_trainer(request, clip, store, backend, notes.add)
         if request.init is None:

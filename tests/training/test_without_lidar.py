@@ -23,6 +23,7 @@ from instdrive_core.training.gaussians.points_without_lidar import gather_points
 from instdrive_core.training.run import RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, build_train_config
 from instdrive_core.training.settings.events import StepDone
+from instdrive_core.training.views.photo_depth import estimate_missing_depths
 from instdrive_core.training.views.view_store import open_view_store
 
 INIT = InitConfig(lidar_points=400, near_points=100, far_points=100)
@@ -72,17 +73,32 @@ def test_without_points_training_starts_from_random_ones(model, tmp_path):
     assert depths.max() > 20
     np.testing.assert_array_equal(start.gaussians.means, again.gaussians.means)
     notes, _ = run(root, tmp_path / "run")
-    assert "starting from random points" in notes
+    assert "no LiDAR and no points: starting from what photos agree on" in notes
 
 
 def test_a_recorded_drive_whose_sweeps_are_missing_starts_from_random_points(tmp_path):
     root = write_small_clip(tmp_path / "clip")
     shutil.rmtree(root / "lidar")
     notes, steps = run(root, tmp_path / "run")
-    assert "no LiDAR and no points: starting from random points" in notes
+    assert "no LiDAR and no points: starting from what photos agree on" in notes
     assert "no masks: training RGB only" in notes
     assert len(steps) > 0
     assert len(read_scene_folder(tmp_path / "run")) > 0
+
+
+def test_where_photos_agree_training_starts(tmp_path):
+    boards = (standing_board(3.0, 22),)
+    clip = make_clip(boards, 8)
+    depths = estimate_missing_depths(clip, lambda note: None)
+    with open_view_store(clip, None, photo_depths=depths) as store:
+        points = gather_points_without_lidar(clip, store, INIT, seed=1)
+    assert len(points.lidar) > 2000
+    x, _, z = np.abs(points.lidar.positions - clip.origin).T
+    on_ground, on_wall = z < 0.15, np.abs(x - 6) < 0.3
+    assert (on_ground | on_wall).mean() > 0.8
+    notes, steps = run(write_as_nerfstudio(tmp_path / "street", boards, 8), tmp_path / "run")
+    assert "photos agree on how far off" in notes
+    assert "depth" in steps[-1].terms
 
 
 def test_sparse_points_are_taken_with_their_colours(model, tmp_path):

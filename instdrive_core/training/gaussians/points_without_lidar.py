@@ -1,4 +1,4 @@
-"""First points of clips without LiDAR: those that came with the cameras, and random ones on the photos' rays."""
+"""First points of clips without LiDAR: where photos agree, those that came with the cameras, and random ones."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from instdrive_core.datasets.clip import Clip, SparsePoints
 from instdrive_core.errors import DataError
 from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.training.gaussians.first_points import (
+    CROWD,
     ColoredPoints,
     FirstPoints,
     concatenate_points,
     place_on_rays,
     sample_beyond_lidar,
+    subsample,
 )
 from instdrive_core.training.settings.config import InitConfig
 from instdrive_core.training.views.lidar_depth import find_pixels_of_points, project_depths
@@ -28,34 +30,55 @@ _LEAST_DISTANCE = 10.0
 
 
 def gather_points_without_lidar(clip: Clip, views: ViewStore, config: InitConfig, seed: int) -> FirstPoints:
-    """The clip's own points that a training photo sees, near and far ones where they are silent.
+    """The points that photos agree on and the clip's own that a training photo sees; near and far ones where all are
+    silent.
 
     Without any point, as many random ones as `config` wants LiDAR points, near ones and far ones: uniform in inverse
     depth along the photos' rays. Same seed, same points.
 
-    Raises DataError where there are points and no training photo sees one.
+    Raises DataError where the clip has points and no training photo sees one.
     """
-    given = clip.points or SparsePoints.none()
-    is_random = not len(given.points)
+    known = concatenate_points([_find_seen_points(clip, views), _gather_agreed_points(views, config, seed)])
     reach = _typical_distance(views)
-    seen = np.zeros(len(given.points), bool)
+    unknown = config.near_points + (0 if len(known) else config.lidar_points)
     near, far = [], []
     for number in range(len(views)):
         view, rng = views.get(number), make_generator(seed, Stream.WITHOUT_LIDAR, number)
-        if is_random:
-            near.append(_random_points(view, config.lidar_points + config.near_points, len(views), _NEAR, reach, rng))
-            far.append(_random_points(view, config.far_points, len(views), _FAR, reach, rng))
-            continue
-        seen |= find_pixels_of_points(given.points, view.camera)[0] >= 0
-        pixels, depths = project_depths(given.points, view.camera)
-        beyond = sample_beyond_lidar(replace(view, depth_pixels=pixels, depth_values=depths), config, len(views), rng)
+        if not len(view.depth_pixels):
+            pixels, depths = project_depths(known.positions, view.camera)
+            view = replace(view, depth_pixels=pixels, depth_values=depths)
+        if len(view.depth_pixels):
+            beyond = sample_beyond_lidar(view, config, len(views), rng)
+        else:
+            beyond = (
+                _random_points(view, unknown, len(views), _NEAR, reach, rng),
+                _random_points(view, config.far_points, len(views), _FAR, reach, rng),
+            )
         near.append(beyond[0])
         far.append(beyond[1])
-    if not is_random and not seen.any():
+    return FirstPoints(known, concatenate_points(near), concatenate_points(far), {})
+
+
+def _find_seen_points(clip: Clip, views: ViewStore) -> ColoredPoints:
+    """The clip's own points that a training photo sees. Raises DataError where there are some and none is seen."""
+    given = clip.points or SparsePoints.none()
+    seen = np.zeros(len(given.points), bool)
+    for facts in views.facts:
+        seen |= find_pixels_of_points(given.points, facts.camera)[0] >= 0
+    if len(seen) and not seen.any():
         problem = f"no training photo sees one of its {len(seen):,} points"
         raise DataError(clip.path, problem, "Check that poses and points belong together, or leave the points out")
-    own = ColoredPoints(given.points[seen], given.colors[seen] / np.float32(255))
-    return FirstPoints(own, concatenate_points(near), concatenate_points(far), {})
+    return ColoredPoints(given.points[seen], given.colors[seen] / np.float32(255))
+
+
+def _gather_agreed_points(views: ViewStore, config: InitConfig, seed: int) -> ColoredPoints:
+    """Points at the depths that photos agree on, as many as LiDAR would give before thinning."""
+    crowd, parts = -(-CROWD * config.lidar_points // len(views)), []
+    for number in range(len(views)):
+        view = views.get(number)
+        agreed = place_on_rays(view, view.depth_pixels.astype(np.int64), view.depth_values)
+        parts.append(subsample(agreed, crowd, make_generator(seed, Stream.SWEEP_SAMPLE, number)))
+    return concatenate_points(parts)
 
 
 def _typical_distance(views: ViewStore) -> float:

@@ -1,4 +1,4 @@
-"""One photo for training: image, LiDAR depth and masks, held in memory in compact form."""
+"""One photo for training: image, depths and masks, held in memory in compact form."""
 
 from __future__ import annotations
 
@@ -30,11 +30,13 @@ class TrainingView:
     """Instance masks, 0 = none; None where the run has no masks."""
     sky: Bool[ndarray, "h w"] | None
     depth_pixels: Int32[ndarray, " k"]
-    """Flat indices of pixels with a LiDAR depth."""
+    """Flat indices of pixels with a known depth."""
     depth_values: Float32[ndarray, " k"]
     """Metres along the optical axis."""
     overlaps: tuple[UInt16[ndarray, "h w"], ...] = ()
     """Further layers of instance masks where masks overlap (`FrameMasks.overlaps`)."""
+    measured: bool = True
+    """Depths are LiDAR's; else photos agree on them."""
 
     @property
     def layers(self) -> tuple[UInt16[ndarray, "h w"], ...]:
@@ -46,7 +48,7 @@ class TrainingView:
         """Pixels in which masks show something before the sky; None where none does, or the sky is unknown."""
         if self.sky is None or not self.layers:
             return None
-        solid = find_solid_pixels(self.layers, self.sky, self.camera, len(self.depth_pixels) > 0)
+        solid = find_solid_pixels(self.layers, self.sky, self.camera, self.measured and len(self.depth_pixels) > 0)
         if self.valid is not None:
             solid &= self.valid
         return solid if solid.any() else None
@@ -84,6 +86,7 @@ class TrainingView:
             pixels,
             depths,
             tuple(np.ascontiguousarray(layer[: height * 2 : 2, : width * 2 : 2]) for layer in self.overlaps),
+            self.measured,
         )
 
 
@@ -97,8 +100,8 @@ def _halve_image(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h//2 w//2 3"
     return total.astype(np.uint8)
 
 
-def build_training_view(frame: Frame, masks: FrameMasks | None, depths: Depths) -> TrainingView:
-    """Read a frame's photo and join it with its masks (void on the ego car) and its LiDAR depths.
+def build_training_view(frame: Frame, masks: FrameMasks | None, depths: Depths, measured: bool = True) -> TrainingView:
+    """Read a frame's photo and join it with its masks (void on the ego car) and its depths, `measured` by LiDAR or not.
 
     Raises DataError where the photo is damaged.
     """
@@ -107,4 +110,4 @@ def build_training_view(frame: Frame, masks: FrameMasks | None, depths: Depths) 
         layers = tuple(np.where(frame.valid, layer, 0).astype(np.uint16) for layer in layers)
     labels, overlaps = (layers[0], layers[1:]) if layers else (None, ())
     sky, view, image = masks.sky if masks else None, frame.view, frame.load_image()
-    return TrainingView(frame.key, view.camera, view.time, image, frame.valid, labels, sky, *depths, overlaps=overlaps)
+    return TrainingView(frame.key, view.camera, view.time, image, frame.valid, labels, sky, *depths, overlaps, measured)

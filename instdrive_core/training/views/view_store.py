@@ -15,7 +15,7 @@ from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.masks.label_map_folder import SIDECAR, MaskFolder
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.views.lidar_depth import load_frame_depths
+from instdrive_core.training.views.lidar_depth import Depths, load_frame_depths
 from instdrive_core.training.views.photo_budget import BYTES_PER_PIXEL, choose_photo_budget, count_readers
 from instdrive_core.training.views.training_view import TrainingView, build_training_view
 
@@ -247,10 +247,16 @@ class ViewStore:
         return key in self._kept or key in self._reading or key in self._failed
 
 
-def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int | None = None) -> ViewStore:
+def open_view_store(
+    clip: Clip,
+    masks: MaskFolder | None,
+    budget_bytes: int | None = None,
+    photo_depths: Sequence[Depths] | None = None,
+) -> ViewStore:
     """Open the training photos of a clip with the LiDAR depth of their time steps and their masks.
 
     They are kept within `budget_bytes`; None = as much as `choose_photo_budget` finds the memory good for.
+    `photo_depths` are those of a clip without LiDAR, one for each training photo, as photos agree on them.
 
     LiDAR is read here, from sweeps that may train, and its depths stay in memory (some 0.1 MB per photo); photos and
     masks are read when asked for.
@@ -260,11 +266,11 @@ def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int | No
     frames = clip.training_frames
     if masks is not None:
         _check_masks(masks, frames)
-    depths = load_frame_depths(clip, frames)
+    depths = load_frame_depths(clip, frames) if photo_depths is None else photo_depths
 
     def read(number: int) -> TrainingView:
         frame = frames[number]
-        return build_training_view(frame, masks.load(frame) if masks else None, depths[number])
+        return build_training_view(frame, masks.load(frame) if masks else None, depths[number], photo_depths is None)
 
     facts = [
         ViewFacts(frame.key, frame.view.camera, frame.view.time, masks is not None and masks.counts[frame.key] > 0)

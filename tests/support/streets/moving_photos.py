@@ -80,6 +80,12 @@ def write_as_nerfstudio(root: Path, boards: Sequence[Board], count: int = 14) ->
 
 def paint(camera: Camera, time: float, boards: Sequence[Board]) -> tuple[np.ndarray, np.ndarray]:
     """Photo and label map: textures are fixed to what they are on."""
+    photo, labels, _ = paint_with_depth(camera, time, boards)
+    return photo, labels
+
+
+def paint_with_depth(camera: Camera, time: float, boards: Sequence[Board]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Photo, label map, and depths along the optical axis, infinite in the sky."""
     rays = camera.compute_ray_directions().reshape(-1, 3)
     origin = camera.position
     grey, labels = np.full(len(rays), 200.0), np.zeros(len(rays), np.uint16)
@@ -107,8 +113,10 @@ def paint(camera: Camera, time: float, boards: Sequence[Board]) -> tuple[np.ndar
             x, z = (origin[axis] + distance * rays[:, axis] for axis in (0, 2))
             inside = (np.abs(x - middle) < board.width / 2) & (z > 0) & (z < board.height)
             put(distance, inside, x - middle, z, FIRST_BOARD + number)
-    photo = np.repeat(grey.reshape(camera.height, camera.width, 1), 3, axis=2)
-    return photo.astype(np.uint8), labels.reshape(camera.height, camera.width)
+    shape = camera.height, camera.width
+    photo = np.repeat(grey.reshape(*shape, 1), 3, axis=2)
+    depths = nearest * (rays @ camera.world_from_camera[:3, 2])
+    return photo.astype(np.uint8), labels.reshape(shape), depths.reshape(shape)
 
 
 def read_texture(label: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
