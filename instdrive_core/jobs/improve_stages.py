@@ -23,6 +23,7 @@ from instdrive_core.jobs.desk import JobDesk
 from instdrive_core.jobs.job_file import EDITS, JobStage, describe_seconds, locate_job_file, locate_project
 from instdrive_core.jobs.pacing import choose_pace
 from instdrive_core.jobs.stages import STAGES, StageWork, report_event
+from instdrive_core.progress import report_to
 from instdrive_core.project.carrying.carried_project import carry_project
 from instdrive_core.project.carrying.edited_rows import find_edited_rows
 from instdrive_core.project.open import open_project
@@ -128,7 +129,8 @@ def _train_on(desk: JobDesk) -> None:
     if desk.state.request.checkpoint_every is not None:
         config = replace(config, checkpoint_every=desk.state.request.checkpoint_every)
     request = Improvement(taken.base, desk.run, config, taken.edited)
-    run_improvement(request, lambda event: report_event(desk, event), lambda note: desk.advance(note))
+    with report_to(lambda share: desk.advance(desk.state.doing, share)):
+        run_improvement(request, lambda event: report_event(desk, event), lambda note: desk.advance(note))
 
 
 def _carry_edits(desk: JobDesk) -> None:

@@ -22,7 +22,7 @@ from instdrive_core.jobs.job_file import PICTURE, CurvePoint, JobStage, describe
 from instdrive_core.jobs.pacing import build_paced_config, choose_pace, describe_pace, measure_step_seconds
 from instdrive_core.jobs.source import SourceFacts, choose_masks
 from instdrive_core.masks.making import make_masks
-from instdrive_core.progress import CancelledError
+from instdrive_core.progress import CancelledError, report_to
 from instdrive_core.tracks.choice import choose_kept_tracks
 from instdrive_core.training.pieces.drive import run_drive
 from instdrive_core.training.run import CONFIG, FACTS, RunRequest
@@ -128,7 +128,8 @@ def _train(desk: JobDesk) -> None:
         resume=(desk.run / CONFIG).is_file(),
         pieces="auto",
     )
-    run_drive(request, lambda event: report_event(desk, event), lambda note: desk.advance(note))
+    with report_to(lambda share: desk.advance(desk.state.doing, share)):
+        run_drive(request, lambda event: report_event(desk, event), lambda note: desk.advance(note))
 
 
 def report_event(desk: JobDesk, event: Event) -> None:

@@ -13,7 +13,7 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.stereo.plane_sweep import relate_pixels
 
 _TOLERANCE = 1.0
-"""Pixels that a point may miss its own pixel by, when it goes to the partner and comes back with the partner's depth."""
+"""Pixels by which a point may miss its own, when it goes to the partner and comes back with the partner's depth."""
 _DEPTH_TOLERANCE = 0.05
 """Difference of two photos' depths of one point, as a share of it."""
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int64
 from numpy import ndarray
 
+from instdrive_core.progress import CancelledError, report, report_span
 from instdrive_core.scene.camera import Camera
 from instdrive_core.stereo.agreement import count_agreeing
 from instdrive_core.stereo.partners import choose_partners, list_near_partners
@@ -23,7 +24,7 @@ _SMALL, _LARGE = 128, 320
 _CLOSER = 1.25
 """Inverse depths are looked for up to so many times the largest that the first look found."""
 _DEAREST = 150
-"""Cost (of 255) above which a pixel's own look speaks against its plane, or nothing is there to be seen, as in the sky."""
+"""Cost (of 255) above which a pixel's looks speak against its plane, or tell nothing, as in the sky."""
 _SAMPLES = 12
 """Points along a side of a photo by which partners are chosen."""
 
@@ -53,13 +54,16 @@ def estimate_depths(cameras: Sequence[Camera], load_grey: LoadGrey) -> list[Dept
     Args:
         cameras: of the photos.
         load_grey: loads one of them; called by several threads.
+
+    Reports progress; raises CancelledError where that is to stop.
     """
     small = [_shrink(camera, _SMALL) for camera in cameras]
     partners = list_near_partners(small)
     planes = [
         choose_planes(small[number], [small[other] for other in others]) for number, others in enumerate(partners)
     ]
-    first = _look(small, partners, planes, load_grey, 1)
+    with report_span(0.0, 0.15):
+        first = _look(small, partners, planes, load_grey, 1)
     seen = [_sample_points(camera, inverse) for camera, inverse in zip(first.cameras, first.inverse, strict=True)]
     large = [_shrink(camera, _LARGE) for camera in cameras]
     partners = choose_partners(large, seen)
@@ -68,12 +72,22 @@ def estimate_depths(cameras: Sequence[Camera], load_grey: LoadGrey) -> list[Dept
         known = first.inverse[number][first.inverse[number] > 0]
         nearest = float(np.quantile(known, 0.995)) * _CLOSER if len(known) else 0.0
         planes.append(choose_planes(large[number], [large[other] for other in others if len(known)], nearest))
-    second = _look(large, partners, planes, load_grey, 2)
+    with report_span(0.15, 1.0):
+        second = _look(large, partners, planes, load_grey, 2)
     with np.errstate(divide="ignore"):
         return [
             DepthMap(camera, np.where(inverse > 0, 1 / inverse, 0).astype(np.float32))
             for camera, inverse in zip(second.cameras, second.inverse, strict=True)
         ]
+
+
+def _report_or_cancel(share: float, pool: ThreadPoolExecutor) -> None:
+    """Report progress; where the work is to stop, what has not begun yet is dropped."""
+    try:
+        report(share)
+    except CancelledError:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
 
 
 def _shrink(camera: Camera, longer: int) -> Camera:
@@ -105,7 +119,10 @@ def _look(
             cost = np.take_along_axis(costs, np.rint(chosen).astype(np.int64)[..., None], axis=2)[..., 0]
             return np.where(cost <= _DEAREST, planes[number].look_up(chosen), np.float32(0))
 
-        found = list(pool.map(sweep, range(len(cameras))))
+        found = []
+        for inverse in pool.map(sweep, range(len(cameras))):
+            found.append(inverse)
+            _report_or_cancel(len(found) / len(cameras), pool)
 
         def confirm(number: int) -> Float32[ndarray, "h w"]:
             others = [(found[other], cameras[other]) for other in partners[number]]

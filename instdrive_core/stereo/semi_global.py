@@ -62,7 +62,7 @@ def _add_path(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _take_best(total: ndarray) -> Float32[ndarray, "h w"]:
-    """The cheapest plane of each pixel, between planes where the parabola through its neighbours has its lowest point."""
+    """The cheapest plane of each pixel, with the fraction at which the parabola through its neighbours is lowest."""
     height, width, planes = total.shape
     chosen = np.empty((height, width), np.float32)
     for row in range(height):

@@ -176,24 +176,25 @@ def run_training(
 def run_trainer(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> None:
     """Run a trainer to its end, with its log and checkpoints in the folder `out`.
 
-    Where `on_event` raises CancelledError, a checkpoint is written first; time spent there does not count.
+    Where `on_event` or a listener of progress raises CancelledError, a checkpoint is written first; time spent in
+    `on_event` does not count.
     """
     pace = CheckpointPace()
     with RunLog(out / LOG, trainer.stage, trainer.iteration) as log:
-        for event in trainer.run():
-            if isinstance(event, CheckpointDue) and (event.ends_stage or pace.is_due()):
-                with pace.time_saving():
-                    save_checkpoint(out / CHECKPOINT, trainer)
-            if isinstance(event, StepDone):
-                log.write(event)
-            began = time.perf_counter()
-            try:
+        try:
+            for event in trainer.run():
+                if isinstance(event, CheckpointDue) and (event.ends_stage or pace.is_due()):
+                    with pace.time_saving():
+                        save_checkpoint(out / CHECKPOINT, trainer)
+                if isinstance(event, StepDone):
+                    log.write(event)
+                began = time.perf_counter()
                 on_event(event)
-            except CancelledError:
-                trainer.check_parameters()
-                save_checkpoint(out / CHECKPOINT, trainer)
-                raise
-            trainer.seconds_before -= time.perf_counter() - began
+                trainer.seconds_before -= time.perf_counter() - began
+        except CancelledError:
+            trainer.check_parameters()
+            save_checkpoint(out / CHECKPOINT, trainer)
+            raise
 
 
 def _choose_learner(request: RunRequest, clip: Clip) -> InstanceLearner | None:

@@ -7,6 +7,7 @@ import pytest
 from moving_photos import Board, make_clip, paint_with_depth, standing_board
 from PIL import Image
 
+from instdrive_core.progress import CancelledError, report_to
 from instdrive_core.stereo.photo_depths import estimate_depths
 
 BOARDS = (standing_board(3.0, 22), standing_board(-2.5, 30))
@@ -76,3 +77,17 @@ def test_photos_from_one_place_or_alone_tell_nothing():
     for part in (clip, replace(clip, frames=clip.frames[:1])):
         maps, _ = estimate(part, BOARDS)
         assert not any(found.depths.any() for found in maps)
+
+
+def test_progress_is_told_and_can_stop_the_work():
+    clip, shares = make_clip(BOARDS, 4), []
+    with report_to(shares.append):
+        estimate(clip, BOARDS)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+
+    def stop(share):
+        raise CancelledError
+
+    with report_to(stop), pytest.raises(CancelledError):
+        estimate(clip, BOARDS)
