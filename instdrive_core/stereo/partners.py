@@ -48,7 +48,7 @@ def choose_partners(cameras: Sequence[Camera], points: Sequence[Float[ndarray, "
         scores = np.zeros(len(cameras))
         if len(seen):
             own = _directions(seen, places[number])
-            for other in np.flatnonzero(forward @ forward[number] > _WIDEST_TURN):
+            for other in np.flatnonzero(forward @ forward[number] > _WIDEST_TURN).tolist():
                 if other == number:
                     continue
                 pixels, depths = cameras[other].project(seen)

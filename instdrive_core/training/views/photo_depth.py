@@ -17,6 +17,10 @@ from instdrive_core.training.views.lidar_depth import MAX_LIDAR_DEPTH, Depths
 _LEAST_KNOWN = 0.02
 """Share of the pixels below which photos do not agree; pictures of noise come to 0.7 %."""
 
+_MOST_COMPARED = 400
+"""Of more photos than so many, those of every other time step are compared, or of fewer: half a second each."""
+_NOTHING: Depths = (np.zeros(0, np.int32), np.zeros(0, np.float32))
+
 
 def estimate_missing_depths(clip: Clip, on_note: Callable[[str], None]) -> list[Depths] | None:
     """Estimate the depths of a clip's training photos where it has no LiDAR to train with; None where it has.
@@ -28,18 +32,28 @@ def estimate_missing_depths(clip: Clip, on_note: Callable[[str], None]) -> list[
     frames = clip.training_frames
     if clip.training_sweeps or not frames:
         return None
-    on_note(f"comparing {len(frames)} photos to find how far off things are")
-    maps = _estimate_maps(frames)
-    found = [_spread(one, frame) for one, frame in zip(maps, frames, strict=True)]
+    compared = choose_compared_frames(frames)
+    on_note(f"comparing {len(compared)} photos to find how far off things are")
+    maps = _estimate_maps([frames[number] for number in compared])
+    found = [_NOTHING] * len(frames)
+    for number, one in zip(compared, maps, strict=True):
+        found[number] = _spread(one, frames[number])
     share = sum(len(depths) for _, depths in found) / sum(one.depths.size for one in maps)
     if share < _LEAST_KNOWN:
         on_note(
             "photos agree on no depths: they are too few or too far apart, or their poses do not fit. "
             "Parts of the scene may be haze"
         )
-        return [(pixels[:0], depths[:0]) for pixels, depths in found]
+        return [_NOTHING] * len(frames)
     on_note(f"photos agree on how far off {share:.0%} of their pixels are")
     return found
+
+
+def choose_compared_frames(frames: Sequence[Frame]) -> list[int]:
+    """Choose the numbers of the frames that are compared: all cameras of evenly spaced time steps."""
+    steps = np.array([frame.view.index for frame in frames])
+    _, ranks = np.unique(steps, return_inverse=True)
+    return np.flatnonzero(ranks % -(-len(frames) // _MOST_COMPARED) == 0).tolist()
 
 
 def _estimate_maps(frames: Sequence[Frame]) -> list[DepthMap]:

@@ -9,7 +9,7 @@ from small_clip import write_small_clip
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.training.views.photo_depth import estimate_missing_depths
+from instdrive_core.training.views.photo_depth import choose_compared_frames, estimate_missing_depths
 from instdrive_core.training.views.view_store import open_view_store
 
 BOARDS = (standing_board(3.0, 22),)
@@ -61,6 +61,17 @@ def test_views_say_that_nobody_measured_them(street):
 def test_lidar_needs_no_photos(tmp_path):
     clip = load_clip(str(write_small_clip(tmp_path / "clip")), ClipOptions())
     assert estimate_missing_depths(clip, pytest.fail) is None
+
+
+def test_of_very_many_photos_all_cameras_of_some_steps_are_compared(street):
+    frame = street[0].frames[0]
+    many = [
+        replace(frame, view=replace(frame.view, name=name, index=step)) for step in range(300) for name in ("a", "b")
+    ]
+    chosen = choose_compared_frames(many)
+    assert len(chosen) == 300
+    assert [many[number].view.index for number in chosen[:4]] == [0, 0, 2, 2]
+    assert choose_compared_frames(many[:400]) == list(range(400))
 
 
 def test_photos_with_the_poses_of_others_are_told(street):
