@@ -25,6 +25,8 @@ _CLOSER = 1.25
 """Inverse depths are looked for up to so many times the largest that the first look found."""
 _DEAREST = 150
 """Cost (of 255) above which a pixel's looks speak against its plane, or tell nothing, as in the sky."""
+_LEAST_SIDE = 8
+"""Pixels along the shorter side, below which a photo is not compared."""
 _SAMPLES = 12
 """Points along a side of a photo by which partners are chosen."""
 
@@ -58,7 +60,7 @@ def estimate_depths(cameras: Sequence[Camera], load_grey: LoadGrey) -> list[Dept
     Reports progress; raises CancelledError where that is to stop.
     """
     small = [_shrink(camera, _SMALL) for camera in cameras]
-    partners = list_near_partners(small)
+    partners = _keep_large_enough(list_near_partners(small), small)
     planes = [
         choose_planes(small[number], [small[other] for other in others]) for number, others in enumerate(partners)
     ]
@@ -66,7 +68,7 @@ def estimate_depths(cameras: Sequence[Camera], load_grey: LoadGrey) -> list[Dept
         first = _look(small, partners, planes, load_grey, 1)
     seen = [_sample_points(camera, inverse) for camera, inverse in zip(first.cameras, first.inverse, strict=True)]
     large = [_shrink(camera, _LARGE) for camera in cameras]
-    partners = choose_partners(large, seen)
+    partners = _keep_large_enough(choose_partners(large, seen), large)
     planes = []
     for number, others in enumerate(partners):
         known = first.inverse[number][first.inverse[number] > 0]
@@ -92,6 +94,12 @@ def _report_or_cancel(share: float, pool: ThreadPoolExecutor) -> None:
 
 def _shrink(camera: Camera, longer: int) -> Camera:
     return camera.scale(min(1.0, longer / max(camera.width, camera.height)))
+
+
+def _keep_large_enough(partners: list[Int64[ndarray, " k"]], cameras: list[Camera]) -> list[Int64[ndarray, " k"]]:
+    """Leave out photos with too few pixels for a window, as partners and as photos."""
+    fits = np.array([min(camera.width, camera.height) >= _LEAST_SIDE for camera in cameras])
+    return [others[fits[others] & fits[number]] for number, others in enumerate(partners)]
 
 
 def _look(

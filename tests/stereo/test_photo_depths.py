@@ -79,6 +79,18 @@ def test_photos_from_one_place_or_alone_tell_nothing():
         assert not any(found.depths.any() for found in maps)
 
 
+def test_slivers_of_photos_are_not_compared():
+    clip = make_clip(BOARDS, 6)
+    slivers = [
+        replace(frame, view=replace(frame.view, camera=frame.view.camera.resize(240, height)))
+        for frame, height in zip(clip.frames, (140, 140, 140, 140, 140, 2), strict=True)
+    ]
+    maps, _ = estimate(replace(clip, frames=tuple(slivers)), BOARDS)
+    assert maps[-1].depths.shape == (2, 240)
+    assert not maps[-1].depths.any()
+    assert maps[2].depths.any()
+
+
 def test_progress_is_told_and_can_stop_the_work():
     clip, shares = make_clip(BOARDS, 4), []
     with report_to(shares.append):
