@@ -22,7 +22,7 @@ WIDTH, HEIGHT, FOCAL = 480, 320, 420.0
 _SWAY = 0.12
 """Metres by which hands and steps move the camera."""
 _RADIUS, _ARC = 5.0, np.radians(130)
-"""Of the way around a car, on the side of the road; metres and radians."""
+"""Radius and angle of the way around a car, on the side of the road; metres and radians."""
 _AHEAD = 8.0
 """Metres before the recording car where the car stands that is photographed."""
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])

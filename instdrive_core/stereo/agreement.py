@@ -10,7 +10,7 @@ from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.scene.camera import Camera
-from instdrive_core.stereo.plane_sweep import relate_pixels
+from instdrive_core.stereo.pixel_relation import carry_over, relate_pixels
 
 _TOLERANCE = 1.0
 """Pixels by which a point may miss its own, when it goes to the partner and comes back with the partner's depth."""
@@ -50,18 +50,12 @@ def _count(
             if near <= 0:
                 continue
             u, v = column + 0.5, row + 0.5
-            z = turn[2, 0] * u + turn[2, 1] * v + turn[2, 2] + near * shift[2]
-            if z <= 1e-6:
-                continue
-            x = (turn[0, 0] * u + turn[0, 1] * v + turn[0, 2] + near * shift[0]) / z
-            y = (turn[1, 0] * u + turn[1, 1] * v + turn[1, 2] + near * shift[1]) / z
-            if not (0 <= x < other.shape[1] and 0 <= y < other.shape[0]):
+            x, y, z = carry_over(turn, shift, u, v, near)
+            if z <= 1e-6 or not (0 <= x < other.shape[1] and 0 <= y < other.shape[0]):
                 continue
             theirs, expected = np.float64(other[int(y), int(x)]), near / z
             if theirs <= 0 or abs(theirs - expected) > _DEPTH_TOLERANCE * expected:
                 continue
-            z = turn_back[2, 0] * x + turn_back[2, 1] * y + turn_back[2, 2] + theirs * shift_back[2]
-            x_back = (turn_back[0, 0] * x + turn_back[0, 1] * y + turn_back[0, 2] + theirs * shift_back[0]) / z
-            y_back = (turn_back[1, 0] * x + turn_back[1, 1] * y + turn_back[1, 2] + theirs * shift_back[1]) / z
+            x_back, y_back, _ = carry_over(turn_back, shift_back, x, y, theirs)
             if (x_back - u) ** 2 + (y_back - v) ** 2 <= _TOLERANCE**2:
                 counts[row, column] += 1

@@ -14,7 +14,8 @@ MOST_PARTNERS = 4
 _WIDEST_TURN = np.cos(np.radians(50))
 """Photos that look farther apart hardly show the same."""
 _RANKS = (0, 2, 6, 14)
-"""Of the nearest photos, those that are partners while no depth is known: some close by, some with more parallax."""
+"""Places in the order by distance of those that are partners while no depth is known: some close by, some with more
+parallax."""
 _BEST_ANGLE, _WIDEST_ANGLE = np.radians(7), np.radians(35)
 """Angle between two photos' rays at which depth is best told, and from which on nothing looks alike any more."""
 _LEAST_SHARED = 0.2

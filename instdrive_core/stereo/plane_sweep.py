@@ -12,6 +12,7 @@ from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.scene.camera import Camera
+from instdrive_core.stereo.pixel_relation import carry_over, relate_pixels
 
 UNKNOWN = 160
 """Cost where no partner shows the pixel: neither good nor bad."""
@@ -49,14 +50,6 @@ def compute_costs(
     return _sweep(grey, photos, sizes, turns, shifts, inverse_depths)
 
 
-def relate_pixels(camera: Camera, partner: Camera) -> tuple[Float64[ndarray, "3 3"], Float64[ndarray, "3"]]:
-    """Relate pixels of two cameras: at inverse depth q, (u, v) of the first is (x / z, y / z) of the second, where
-    (x, y, z) = turn (u, v, 1) + q shift."""
-    between = partner.camera_from_world @ camera.world_from_camera
-    turn = partner.intrinsics @ between[:3, :3] @ np.linalg.inv(camera.intrinsics)
-    return turn, partner.intrinsics @ between[:3, 3]
-
-
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _sweep(
     grey: Float32[ndarray, "h w"],
@@ -77,7 +70,7 @@ def _sweep(
     spread = np.sqrt(np.maximum(_sum_windows(grey * grey) / area - mean * mean, 0))
     for plane in range(planes):
         for k in range(count):
-            _warp(photos[k], sizes[k], turns[k], shifts[k] * inverse_depths[plane], warped, inside)
+            _warp(photos[k], sizes[k], turns[k], shifts[k], inverse_depths[plane], warped, inside)
             for row in range(height):
                 for column in range(width):
                     product[row, column] = warped[row, column] * grey[row, column]
@@ -128,22 +121,19 @@ def _warp(
     size: ndarray,
     turn: Float64[ndarray, "3 3"],
     shift: Float64[ndarray, "3"],
+    inverse: float,
     warped: Float32[ndarray, "h w"],
     inside: ndarray,
 ) -> None:
     """Look a partner up at all pixels; beyond its edge the nearest pixel stands in."""
     rows, columns = size
     for row in range(warped.shape[0]):
-        v = row + 0.5
         for column in range(warped.shape[1]):
-            u = column + 0.5
-            z = turn[2, 0] * u + turn[2, 1] * v + turn[2, 2] + shift[2]
-            x = (turn[0, 0] * u + turn[0, 1] * v + turn[0, 2] + shift[0]) / z - 0.5
-            y = (turn[1, 0] * u + turn[1, 1] * v + turn[1, 2] + shift[1]) / z - 0.5
-            inside[row, column] = z > 1e-6 and -0.5 <= x < columns - 0.5 and -0.5 <= y < rows - 0.5
+            x, y, z = carry_over(turn, shift, column + 0.5, row + 0.5, inverse)
+            inside[row, column] = z > 1e-6 and 0 <= x < columns and 0 <= y < rows
             if not z > 1e-6:
                 x, y = 0.0, 0.0
-            x, y = min(max(x, 0.0), columns - 1.001), min(max(y, 0.0), rows - 1.001)
+            x, y = min(max(x - 0.5, 0.0), columns - 1.001), min(max(y - 0.5, 0.0), rows - 1.001)
             left, top = int(x), int(y)
             a, b = np.float32(x - left), np.float32(y - top)
             upper = photo[top, left] + a * (photo[top, left + 1] - photo[top, left])

@@ -10,7 +10,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 
 from instdrive_core.scene.camera import Camera
-from instdrive_core.stereo.plane_sweep import relate_pixels
+from instdrive_core.stereo.pixel_relation import relate_pixels
 
 FEWEST_PLANES, MOST_PLANES = 32, 160
 _GRID = 9

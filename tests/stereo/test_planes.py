@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from instdrive_core.scene.camera import Camera, look_at
-from instdrive_core.stereo.plane_sweep import relate_pixels
+from instdrive_core.stereo.pixel_relation import relate_pixels
 from instdrive_core.stereo.planes import choose_planes
 
 

@@ -18,7 +18,7 @@ _LEAST_KNOWN = 0.02
 """Share of the pixels below which photos do not agree; pictures of noise come to 0.7 %."""
 
 _MOST_COMPARED = 400
-"""Of more photos than so many, those of every other time step are compared, or of fewer: half a second each."""
+"""Photos compared at most, half a second each; where there are more, those of every other time step, or fewer."""
 _NOTHING: Depths = (np.zeros(0, np.int32), np.zeros(0, np.float32))
 
 
