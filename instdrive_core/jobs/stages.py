@@ -27,6 +27,7 @@ from instdrive_core.tracks.choice import choose_kept_tracks
 from instdrive_core.training.pieces.drive import run_drive
 from instdrive_core.training.run import CONFIG, FACTS, RunRequest
 from instdrive_core.training.settings.events import Event, StageStarted, StepDone, ViewDrawn
+from instdrive_core.training.views.photo_depth import expect_comparing_seconds
 from instdrive_core.wording import phrase
 
 REPORT = "report.html"
@@ -103,7 +104,7 @@ def _measure_pace(desk: JobDesk) -> None:
         desk.change(iterations=asked.iterations)
         return
     desk.advance("timing some steps on this machine")
-    spent = sum(stage.seconds for stage in desk.state.stages)
+    spent = sum(stage.seconds for stage in desk.state.stages) + expect_comparing_seconds(clip)
     pace = choose_pace(measure_step_seconds(clip, on_note=desk.advance), asked.minutes, spent)
     desk.note(f"{describe_pace(pace, len(clip.training_frames))}; expected in {describe_seconds(pace.seconds)}")
     desk.change(iterations=pace.iterations)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numba
 import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
@@ -19,6 +20,8 @@ _LEAST_KNOWN = 0.02
 
 _MOST_COMPARED = 400
 """Photos compared at most, half a second each; where there are more, those of every other time step, or fewer."""
+_CORE_SECONDS = 1.0
+"""What comparing a photo with its partners takes of one core."""
 _NOTHING: Depths = (np.zeros(0, np.int32), np.zeros(0, np.float32))
 
 
@@ -49,9 +52,15 @@ def estimate_missing_depths(clip: Clip, on_note: Callable[[str], None]) -> list[
     return found
 
 
+def expect_comparing_seconds(clip: Clip) -> float:
+    """Tell about how long comparing a clip's photos takes on this machine; 0 where LiDAR spares it."""
+    photos = 0 if clip.training_sweeps else len(choose_compared_frames(clip.training_frames))
+    return photos * _CORE_SECONDS / numba.get_num_threads()
+
+
 def choose_compared_frames(frames: Sequence[Frame]) -> list[int]:
     """Choose the numbers of the frames that are compared: all cameras of evenly spaced time steps."""
-    steps = np.array([frame.view.index for frame in frames])
+    steps = np.array([frame.view.index for frame in frames], np.int64)
     _, ranks = np.unique(steps, return_inverse=True)
     return np.flatnonzero(ranks % -(-len(frames) // _MOST_COMPARED) == 0).tolist()
 

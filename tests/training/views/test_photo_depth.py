@@ -9,7 +9,11 @@ from small_clip import write_small_clip
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.training.views.photo_depth import choose_compared_frames, estimate_missing_depths
+from instdrive_core.training.views.photo_depth import (
+    choose_compared_frames,
+    estimate_missing_depths,
+    expect_comparing_seconds,
+)
 from instdrive_core.training.views.view_store import open_view_store
 
 BOARDS = (standing_board(3.0, 22),)
@@ -58,8 +62,15 @@ def test_views_say_that_nobody_measured_them(street):
         assert not len(store.get(0).depth_pixels)
 
 
+def test_the_time_it_takes_follows_the_photos(street):
+    clip = street[0]
+    half = replace(clip, frames=clip.frames[:4])
+    assert 0 < expect_comparing_seconds(half) < expect_comparing_seconds(clip) < 20
+
+
 def test_lidar_needs_no_photos(tmp_path):
     clip = load_clip(str(write_small_clip(tmp_path / "clip")), ClipOptions())
+    assert expect_comparing_seconds(clip) == 0
     assert estimate_missing_depths(clip, pytest.fail) is None
 
 
