@@ -44,12 +44,6 @@ class DepthMap:
     """Metres along the optical axis; 0 = unknown."""
 
 
-@dataclass(frozen=True)
-class _Look:
-    cameras: list[Camera]
-    inverse: list[Float32[ndarray, "h w"]]
-
-
 def estimate_depths(cameras: Sequence[Camera], load_grey: LoadGrey) -> list[DepthMap]:
     """Estimate what depths photos agree on.
 
@@ -66,12 +60,12 @@ def estimate_depths(cameras: Sequence[Camera], load_grey: LoadGrey) -> list[Dept
     ]
     with report_span(0.0, 0.15):
         first = _look(small, partners, planes, load_grey, 1)
-    seen = [_sample_points(camera, inverse) for camera, inverse in zip(first.cameras, first.inverse, strict=True)]
+    seen = [_sample_points(camera, inverse) for camera, inverse in zip(small, first, strict=True)]
     large = [_shrink(camera, _LARGE) for camera in cameras]
     partners = _keep_large_enough(choose_partners(large, seen), large)
     planes = []
     for number, others in enumerate(partners):
-        known = first.inverse[number][first.inverse[number] > 0]
+        known = first[number][first[number] > 0]
         nearest = float(np.quantile(known, 0.995)) * _CLOSER if len(known) else 0.0
         planes.append(choose_planes(large[number], [large[other] for other in others if len(known)], nearest))
     with report_span(0.15, 1.0):
@@ -79,7 +73,7 @@ def estimate_depths(cameras: Sequence[Camera], load_grey: LoadGrey) -> list[Dept
     with np.errstate(divide="ignore"):
         return [
             DepthMap(camera, np.where(inverse > 0, 1 / inverse, 0).astype(np.float32))
-            for camera, inverse in zip(second.cameras, second.inverse, strict=True)
+            for camera, inverse in zip(large, second, strict=True)
         ]
 
 
@@ -108,7 +102,7 @@ def _look(
     planes: list[Planes],
     load_grey: LoadGrey,
     confirmed_by: int,
-) -> _Look:
+) -> list[Float32[ndarray, "h w"]]:
     """Inverse depths that enough partners confirm, 0 elsewhere."""
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         photos = list(pool.map(load_grey, range(len(cameras)), cameras))
@@ -137,7 +131,7 @@ def _look(
             counts = count_agreeing(found[number], cameras[number], others)
             return np.where(counts >= min(confirmed_by, max(len(others), 1)), found[number], 0).astype(np.float32)
 
-        return _Look(cameras, list(pool.map(confirm, range(len(cameras)))))
+        return list(pool.map(confirm, range(len(cameras))))
 
 
 def _sample_points(camera: Camera, inverse: Float32[ndarray, "h w"]) -> Float64[ndarray, "p 3"]:

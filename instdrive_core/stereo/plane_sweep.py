@@ -1,7 +1,6 @@
 """How well a photo agrees with its partners, pixel by pixel, if everything lay on one plane after another.
 
-Planes are parallel to the photo, at inverse depths of even steps from 0 (Collins 1996, "A space-sweep approach to true
-multi-image matching").
+Planes are parallel to the photo (Collins 1996, "A space-sweep approach to true multi-image matching").
 """
 
 from __future__ import annotations

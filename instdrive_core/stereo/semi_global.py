@@ -1,4 +1,4 @@
-"""The smoothest depths that costs allow: semi-global matching (Hirschmüller 2008) over planes of even steps."""
+"""The smoothest depths that costs allow: semi-global matching (Hirschmüller 2008) over planes."""
 
 from __future__ import annotations
 

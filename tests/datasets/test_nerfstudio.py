@@ -64,11 +64,11 @@ def test_missing_photos_are_left_out_and_counted(root, caplog):
         load(root)
 
 
-def test_without_points_it_says_that_they_will_be_random(root):
+def test_without_points_it_says_what_training_starts_from(root):
     edit(root, lambda content: content.pop("ply_file_path"))
     clip = load(root)
     assert len(clip.points.points) == 0
-    assert "random points" in clip.notes[-1]
+    assert "no LiDAR and no points: starting from what photos agree on" in clip.notes[-1]
 
 
 def test_sizes_come_from_photos_and_angles_from_the_first_nerfs(root):

@@ -17,7 +17,6 @@ from instdrive_core.training.views.lidar_depth import MAX_LIDAR_DEPTH, Depths
 
 _LEAST_KNOWN = 0.02
 """Share of the pixels below which photos do not agree; pictures of noise come to 0.7 %."""
-
 _MOST_COMPARED = 400
 """Photos compared at most, half a second each; where there are more, those of every other time step, or fewer."""
 _CORE_SECONDS = 1.0
