@@ -11,6 +11,7 @@ from numpy import ndarray
 from instdrive_core.scene.camera import Camera
 
 MOST_PARTNERS = 4
+"""Photos that one is compared with; more cost time."""
 _WIDEST_TURN = np.cos(np.radians(50))
 """Photos that look farther apart hardly show the same."""
 _RANKS = (0, 2, 6, 14)

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Bool, Float32, Float64
 from numpy import ndarray
 
 from instdrive_core.scene.camera import Camera
 from instdrive_core.stereo.pixel_relation import relate_pixels
 
-FEWEST_PLANES, MOST_PLANES = 32, 160
+_FEWEST, _MOST = 32, 160
+"""Planes that a photo has at least and at most."""
 _GRID = 9
 """Pixels along each side of a photo that stand for all."""
 _LEAST_SHOWN = 0.15
@@ -20,6 +21,7 @@ _LEAST_SHOWN = 0.15
 _NEAREST = 0.05
 """Depth of the nearest plane at most, in distances to the nearest partner."""
 _TRIED = 400
+"""Inverse depths along which parallax is measured."""
 _COARSEST = 1 / 6
 """Largest step from plane to plane, as a share of the depth, that still tells a depth."""
 
@@ -71,13 +73,13 @@ def choose_planes(camera: Camera, partners: Sequence[Camera], nearest: float | N
             return Planes(np.zeros(0))
         tried, moved = tried[: last + 1], moved[:last]
     way = np.concatenate([[0.0], np.cumsum(moved + 1e-9)])
-    count = int(np.clip(way[-1], FEWEST_PLANES, MOST_PLANES))
+    count = int(np.clip(way[-1], _FEWEST, _MOST))
     return Planes(np.interp(np.linspace(0, way[-1], count), way, tried))
 
 
 def _trace(
     camera: Camera, partner: Camera, inverse: Float64[ndarray, " d"]
-) -> tuple[Float64[ndarray, "d p 2"], ndarray]:
+) -> tuple[Float64[ndarray, "d p 2"], Bool[ndarray, "d p"]]:
     """Where pixels of a grid lie in a partner at each inverse depth, and whether in its picture."""
     turn, shift = relate_pixels(camera, partner)
     middles = (np.arange(_GRID) + 0.5) / _GRID
