@@ -5,7 +5,7 @@ Without it a deleted car uncovers its own inside: road and walls seen through it
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -26,16 +26,23 @@ class InteriorConfig:
     min_gaussians: int = 10
     stray_share: float = 0.01
     """Share of an instance's Gaussians, on either side of each axis, that do not count for its hull."""
+    larger_stray_shares: tuple[float, ...] = (0.02, 0.05, 0.1)
+    """What is left out instead, one after the other, until the rest is a compact object: a few splats far behind a
+    small object must not hide that it is one."""
     min_opacity: float = 0.1
     """Fainter Gaussians do not count for a hull."""
     ground_clearance: float = 0.1
     """Metres above the hull's lowest point that stay what they are: there lies the road."""
-    growth: float = 1.1
+    growth: float = 1.15
     """Factor by which the hull is grown …"""
-    margin: float = 0.1
+    margin: float = 0.2
     """… and metres on top, to find Gaussians close around it …"""
     min_share: float = 0.3
-    """… which belong to the object that got at least this share of their votes."""
+    """… which belong to the object that got at least this share of their votes …"""
+    min_share_hidden: float = 0.15
+    """… or this share, where photos show less of them than of half of all Gaussians."""
+    unseen_share: float = 0.01
+    """Share of the votes that every object is taken to have when several claim a Gaussian."""
 
 
 DEFAULT_CONFIG = InteriorConfig()
@@ -95,11 +102,14 @@ def fill_compact_objects(
     opacities: Float[ndarray, " n"],
     candidates: Bool[ndarray, " n"],
     shares: csr_array,
+    shown: Float[ndarray, " n"],
     config: InteriorConfig = DEFAULT_CONFIG,
 ) -> Int64[ndarray, " n"]:
-    """Give `candidates` inside the convex hull of a compact group to that group; the smallest hull wins.
+    """Give `candidates` inside the convex hull of a compact group to that group.
 
-    Those close around it that partly show the group join, too: an object's edge, which votes lost to what is behind.
+    Those close around it that partly show the group join, too: an object's edge, which votes lost to what is behind,
+    and its hidden sides, of which photos show so little that stray votes decide. Where several groups claim a Gaussian,
+    the likeliest wins (Bayes): its share of the votes times the density of its Gaussians, 1 / volume.
 
     Args:
         groups: -1 = none.
@@ -107,24 +117,37 @@ def fill_compact_objects(
         opacities: in [0, 1].
         candidates: Gaussians of the background; hulls are made of these, too.
         shares: (n, g) of each Gaussian's votes, the groups' shares.
+        shown: blending weight of each Gaussian, summed over the pixels of all photos.
     """
     filled, rows = groups.copy(), np.flatnonzero(candidates)
     tree, shares_of_group = KDTree(means[rows]), csc_array(shares)
-    for body in sorted(_find_compact_objects(groups, means, opacities, rows, config), key=lambda body: -body.volume):
+    least = np.where(_find_hidden(shown), config.min_share_hidden, config.min_share)
+    best = np.zeros(len(groups))
+    for body in _find_compact_objects(groups, means, opacities, rows, config):
         reach = config.growth * body.reach + 2 * config.margin
         near = rows[np.sort(tree.query_ball_point(body.center, reach))]
         local = (means[near] - body.center) @ body.axes
+        share = _get_shares(shares_of_group, body.instance, near)
         inside = body.holds(local) & (local[:, 2] > body.floor)
-        close = body.holds(local, config.growth, config.margin)
-        shown = close & _find_with_share(shares_of_group, body.instance, near, config.min_share)
-        filled[near[inside | shown]] = body.instance
+        close = body.holds(local, config.growth, config.margin) & (share >= least[near])
+        likelihood = (share + config.unseen_share) / body.volume
+        won = (inside | close) & (likelihood > best[near])
+        filled[near[won]], best[near[won]] = body.instance, likelihood[won]
     return filled
 
 
-def _find_with_share(shares: csc_array, group: int, rows: Int64[ndarray, " k"], minimum: float) -> Bool[ndarray, " k"]:
+def _find_hidden(shown: Float[ndarray, " n"]) -> Bool[ndarray, " n"]:
+    """Find Gaussians of which photos show less than of half of those that they show at all."""
+    seen = shown[shown > 0]
+    return shown < np.median(seen) if len(seen) else np.ones(len(shown), bool)
+
+
+def _get_shares(shares: csc_array, group: int, rows: Int64[ndarray, " k"]) -> Float64[ndarray, " k"]:
+    """Get the share that a group has in the votes of each row."""
     entries = slice(int(shares.indptr[group]), int(shares.indptr[group + 1]))
-    enough = shares.indices[entries][shares.data[entries] >= minimum]
-    return np.isin(rows, enough)
+    found = np.zeros(shares.shape[0])
+    found[shares.indices[entries]] = shares.data[entries]
+    return found[rows]
 
 
 def _find_compact_objects(
@@ -140,9 +163,18 @@ def _find_compact_objects(
     bodies = []
     for number, members in zip(numbers.tolist(), np.split(solid, starts)[1:], strict=True):
         if len(members) >= config.min_gaussians:
-            body = fit_compact_object(number, means[members].astype(np.float64), config)
+            body = _fit_despite_strays(number, means[members].astype(np.float64), config)
             bodies += [] if body is None else [body]
     return bodies
+
+
+def _fit_despite_strays(instance: int, points: Float64[ndarray, "k 3"], config: InteriorConfig) -> CompactObject | None:
+    """Fit the compact object that most of the points span, leaving out as few strays as need be."""
+    for share in (config.stray_share, *config.larger_stray_shares):
+        body = fit_compact_object(instance, points, replace(config, stray_share=share))
+        if body is not None:
+            return body
+    return None
 
 
 def fit_compact_object(

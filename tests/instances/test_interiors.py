@@ -23,11 +23,13 @@ def street():
     return means, groups
 
 
-def filled(street, shares=None):
+def filled(street, shares=None, shown=None, opacity=0.9):
     means, groups = street
-    shares = np.zeros((len(means), 2)) if shares is None else shares
-    everything = np.ones(len(means), bool)
-    return fill_compact_objects(groups, means, np.full(len(means), 0.9), everything, csr_array(shares))
+    count = len(means)
+    shares = np.zeros((count, groups.max() + 1)) if shares is None else shares
+    shown = np.full(count, 10.0) if shown is None else shown
+    everything = np.ones(count, bool)
+    return fill_compact_objects(groups, means, np.full(count, opacity), everything, csr_array(shares), shown)
 
 
 def test_what_floats_inside_a_body_is_its_own(street):
@@ -40,19 +42,42 @@ def test_an_edge_that_partly_shows_the_body_comes_back(street):
     assert filled(street, shares)[-2:].tolist() == [ROAD, CAR]  # 1.3 m away, and at the hull
 
 
+def test_a_side_that_photos_hardly_show_needs_fewer_votes(street):
+    shares, shown = np.zeros((705, 2)), np.full(705, 10.0)
+    shares[-2:, CAR] = 0.2
+    assert filled(street, shares, shown)[-1] == ROAD
+    shown[-2:] = 0.5
+    assert filled(street, shares, shown)[-2:].tolist() == [ROAD, CAR]  # 1.3 m away, and at the hull
+
+
+def test_a_few_splats_far_behind_do_not_hide_that_something_is_compact(street):
+    means, groups = street
+    means[np.flatnonzero(groups == CAR)[:12]] = [0, 40, 1]
+    assert filled((means, groups))[-5:].tolist() == [CAR, CAR, ROAD, ROAD, ROAD]
+    means[np.flatnonzero(groups == CAR)[:60]] = [0, 40, 1]  # every fifth is no stray
+    assert filled((means, groups))[-5:].tolist() == [ROAD] * 5
+
+
+@pytest.mark.parametrize(("share", "owner"), [(0.0, "small"), (0.3, "small"), (0.9, "large")])
+def test_votes_and_sizes_decide_between_two_hulls(share, owner):
+    rng = np.random.default_rng(0)
+    large = rng.uniform(-1, 1, (200, 3)) * [2, 1, 1] + [0, 0, 1]
+    small = rng.uniform(-1, 1, (200, 3)) * [1, 0.5, 0.8] + [0, 0, 1]
+    means = np.concatenate([large, small, [[0, 0, 1]]]).astype(np.float32)
+    groups = np.repeat([0, 1, 2], [200, 200, 1])
+    shares = np.zeros((401, 3))
+    shares[-1, :2] = share, 0.1  # the large one is five times as large
+    assert filled((means, groups), shares)[-1] == ["large", "small"].index(owner)
+
+
 def test_surfaces_have_no_inside(street):
     means, groups = street
-    flat = groups == ROAD
-    only_road = np.where(flat, ROAD, -1)
-    result = fill_compact_objects(only_road, means, np.full(len(means), 0.9), flat, csr_array((len(means), 2)))
-    np.testing.assert_array_equal(result, only_road)
+    only_road = np.where(groups == ROAD, ROAD, -1)
+    np.testing.assert_array_equal(filled((means, only_road)), only_road)
 
 
 def test_where_nothing_is_solid_nothing_is_filled(street):
-    means, groups = street
-    faint, everything = np.full(len(means), 0.001), np.ones(len(means), bool)
-    shares = csr_array(np.zeros((len(means), 2)))
-    np.testing.assert_array_equal(fill_compact_objects(groups, means, faint, everything, shares), groups)
+    np.testing.assert_array_equal(filled(street, opacity=0.001), street[1])
 
 
 def test_unseen_gaussians_take_the_nearest_of_their_node():

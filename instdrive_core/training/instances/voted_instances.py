@@ -67,7 +67,8 @@ def vote_instances(
     if lidar is not None:
         groups = mend_ground(groups, shown, model, lidar.ground)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
-    groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, compute_vote_shares(observed, groups))
+    shares = compute_vote_shares(observed, groups)
+    groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, shares, shown)
     _, groups = np.unique(groups, return_inverse=True)
     codes, bits = generate_separated_codewords(int(groups.max()) + 1)
     on_note(f"{masks:,} masks show {len(codes)} objects: codewords of {bits} bits")
