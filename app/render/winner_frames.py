@@ -1,9 +1,8 @@
 """What the pixels of a still view stand for, found by the CPU rasterizer beside the window.
 
-A pixel stands for the nearest solid splat unless that is a floater; then it is the median splat of what is blended
-there (`rasterize.preview.PickRule`). OpenGL 3.3 blends without telling who took part, so a GPU cannot find the median;
-the rasterizer that answers clicks finds it for all pixels at once. Outlines, lassos, views of instances and clicks
-agree, on a GPU as without one.
+A pixel stands for the instance that gives it most of its light (`rasterize.preview.PickRule`). OpenGL 3.3 blends
+without telling who took part, so a GPU cannot find it; the rasterizer that answers clicks finds it for all pixels at
+once. Outlines, lassos, views of instances and clicks agree, on a GPU as without one.
 """
 
 from __future__ import annotations

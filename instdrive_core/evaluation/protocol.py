@@ -153,7 +153,7 @@ def evaluate_scene(
     controls = _build_controls(scene, clip, ground_truth) if has_truth else {}
     return Evaluation(
         figures=figures,
-        controls={name: measure.compute_scores(ids) for name, ids in controls.items()},
+        controls={name: measure.rename(ids).compute_scores(ids) for name, ids in controls.items()},
         held_out_steps=tuple(sorted({view.frame.view.index for view in views})),
         privileged=facts["masks"] == ground_truth.source == "annotations",
         scene=scene,
@@ -172,6 +172,7 @@ def _measure_ids(
     progress: Progress,
 ) -> dict[str, Any]:
     """`per_view`, `scene`, `lidar` and `click`."""
+    measure = measure.rename(ids)
     clicked = measure.score_clicks(ids, lambda done, total: progress(stage, done, total))
     return measure.compute_scores(ids, codes) | {"click": clicked}
 

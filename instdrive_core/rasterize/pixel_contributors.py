@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from jaxtyping import Float, Float32, Int32, Int64
+from jaxtyping import Float, Float32, Int32, Int64, UInt32
 from numpy import ndarray
 
 from instdrive_core.rasterize.kernels.bin import TILE
@@ -74,18 +74,56 @@ def find_fragments_among(
     )
 
 
-def pick_winner(contributors: Contributors, rule: PickRule = DEFAULT_PICK_RULE) -> int:
-    """Pick the row that the pixel stands for, by the rule of `render_preview`; -1 for none."""
-    total = contributors.weights.sum()
+def pick_winner(
+    contributors: Contributors,
+    rule: PickRule = DEFAULT_PICK_RULE,
+    instances: UInt32[ndarray, " n"] | None = None,
+) -> int:
+    """Pick the row that the pixel stands for, by the rule of `render_preview`; -1 for none.
+
+    `instances` holds the instance of each row of the scene; without it all are of one.
+    """
+    rows, weights = contributors.rows, contributors.weights
     solid = (contributors.opacities >= rule.min_opacity) & (contributors.alphas >= rule.min_alpha)
-    if solid.any():
-        nearest = int(np.argmax(solid))
-        if contributors.weights[nearest] >= rule.min_share * total:
-            return int(contributors.rows[nearest])
-    elif not len(contributors.rows) or total < rule.min_coverage:
+    if rule.nearest:
+        return int(rows[np.argmax(solid)]) if solid.any() else -1
+    if not len(rows) or (not solid.any() and weights.sum() < rule.min_coverage):
         return -1
-    median = int(np.argmax(np.cumsum(contributors.weights) >= 0.5 * total))
-    return int(contributors.rows[median])
+    names = np.zeros(len(rows), np.uint32) if instances is None else instances[rows]
+    heaviest = max(_count_two(names, weights), key=lambda place: place.light)
+    return int(rows[heaviest.fragment])
+
+
+@dataclass
+class _Place:
+    """One of the two instances that are counted."""
+
+    name: int = -1
+    light: float = 0.0
+    weight: float = 0.0
+    fragment: int = -1
+
+    def add(self, fragment: int, weight: float) -> None:
+        self.light += weight
+        if weight > self.weight:
+            self.fragment, self.weight = fragment, weight
+
+
+def _count_two(names: UInt32[ndarray, " k"], weights: Float32[ndarray, " k"]) -> tuple[_Place, _Place]:
+    """Count the light of two instances, front to back, as `PickRule` says."""
+    first, second, left = _Place(), _Place(), 1.0
+    for fragment, (name, weight) in enumerate(zip(names.tolist(), weights, strict=True)):
+        left -= weight
+        place = first if name == first.name else second
+        if name not in (first.name, second.name):
+            place = first if second.light >= first.light else second
+            if not weight > place.light:
+                continue
+            place.name, place.light, place.weight = name, 0.0, 0.0
+        place.add(fragment, weight)
+        if abs(first.light - second.light) >= left:
+            break
+    return first, second
 
 
 def find_rows_near_pixel(

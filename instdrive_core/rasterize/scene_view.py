@@ -46,7 +46,7 @@ def view_scene(
         opacities = np.where(present[scene.nodes], opacities, np.float32(0))
     settings = settings or choose_raster_settings(scene)
     shapes, names = (means, quats, gaussians.log_scales, opacities), name_splats(scene.extra)
-    frame = render_preview(*shapes, colors, camera, settings, rule, names)
+    frame = render_preview(*shapes, colors, camera, settings, rule, names, scene.instance_ids)
     return replace(frame, color=frame.color + render_sky_behind(scene.sky, camera, frame.alpha))
 
 

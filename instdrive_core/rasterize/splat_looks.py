@@ -19,7 +19,7 @@ from instdrive_core.rasterize.preview.splats import AT_A, AT_B, AT_C, AT_COLOR, 
 
 DOT_SETTINGS = RasterSettings(low_pass=0.8)
 """Dots are what the low-pass makes of a point: about two pixels wide, as large near by as far away."""
-RING_RULE = PickRule(min_share=0.0, min_coverage=2.0)
+RING_RULE = PickRule(nearest=True)
 """By it a pixel stands for the nearest ellipse over it, whatever lies behind."""
 DOT_OPACITY = 0.99
 DOT_LOG_SCALE = -30.0

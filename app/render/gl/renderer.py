@@ -250,7 +250,8 @@ class GlRenderer:
     def _make_winner_key(self, snapshot: FrameSnapshot) -> tuple[Any, ...]:
         """Make a key that is equal where pixels stand for the same splats."""
         mode = snapshot.view_mode if snapshot.view_mode in SPLAT_MODES else None
-        return make_camera_key(snapshot.camera), snapshot.time, self.scene.look_version, snapshot.id_opacity, mode
+        versions = self.scene.look_version, self.scene.id_version
+        return make_camera_key(snapshot.camera), snapshot.time, versions, snapshot.id_opacity, mode
 
 
 def _find_least_dot(snapshot: FrameSnapshot) -> float | None:

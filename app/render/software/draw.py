@@ -35,7 +35,7 @@ from instdrive_core.rasterize.kernels.sky_behind import add_sky
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, Preview, blend_projected
 from instdrive_core.rasterize.preview.colors import ColorSource
 from instdrive_core.rasterize.preview.projection import project_part, project_splats
-from instdrive_core.rasterize.preview.splats import NO_NAMES, ProjectedSplats
+from instdrive_core.rasterize.preview.splats import NO_INSTANCES, NO_NAMES, ProjectedSplats
 from instdrive_core.rasterize.splat_looks import DOT_LOG_SCALE, DOT_SETTINGS, RING_RULE, make_dots, paint_rings
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
@@ -94,6 +94,7 @@ class SoftwareDraw:
         """Set while no sharp frame is drawn: those have the cores to themselves."""
         self._sparse: SparseSplats | None = None
         self._depth_range: tuple[object, tuple[float, float]] = (None, (1.0, 100.0))
+        self._instances, self._instances_number = NO_INSTANCES, 0
 
     def __call__(self, request: FrameRequest, newer: Callable[[], FrameRequest | None] = lambda: None) -> DrawnFrame:
         """Draw one frame. Raises Superseded if a sharp picture is asked for while the camera already moves on."""
@@ -109,6 +110,7 @@ class SoftwareDraw:
             snapshot.view_mode if snapshot.view_mode in SPLAT_MODES else None,
             placed,
             placed.look_version,
+            self._number_instances(request.state),
         )
         seconds = None
         if key != self._key:
@@ -131,6 +133,12 @@ class SoftwareDraw:
                 self._adapt(seconds, len(placed.means))
         picture = self._compose(request.state, snapshot, camera)
         return DrawnFrame(request, picture, self._winner, self._depth_range[1], seconds)
+
+    def _number_instances(self, state: SceneState) -> int:
+        """Number the state's instance IDs: another one as soon as they have changed."""
+        if state.instance_ids is not self._instances:
+            self._instances, self._instances_number = state.instance_ids, self._instances_number + 1
+        return self._instances_number
 
     def wait_for_detail(self) -> None:
         """Wait until the levels of detail are built that a draft has asked for."""
@@ -163,8 +171,8 @@ class SoftwareDraw:
         if not snapshot.draft:
             source = replace(source, remembered=self._colors.recall(placed, camera.position))
         # Rings and centres show splats, not what is seen of a scene: each can be pointed at.
-        names = NO_NAMES if snapshot.view_mode in SPLAT_MODES else state.names
-        found = project_splats(*shapes, camera, settings, source, workspace, names)
+        called = (NO_NAMES, NO_INSTANCES) if snapshot.view_mode in SPLAT_MODES else (state.names, self._instances)
+        found = project_splats(*shapes, camera, settings, source, workspace, *called)
         check()
         self._finish(found, placed, camera, snapshot, settings)
 
@@ -190,7 +198,8 @@ class SoftwareDraw:
         cut = choose(camera, settings.near, workspace)
         if cut is None:
             return False
-        found, middle = ProjectedSplats(len(cut.means), workspace, placed.name(cut.rows)), cut.splat_count
+        called, middle = (placed.name(cut.rows), self._instances), cut.splat_count
+        found = ProjectedSplats(len(cut.means), workspace, *called)
         sources = merged.build_sources(cut, _build_color_source(placed))
         # Not so for nodes, which are wide and hide too little as it is.
         fine = settings.fit_smaller(merged.factor) if snapshot.draft else settings

@@ -41,4 +41,5 @@ class SparseSplats:
         shapes = self._means, self._quats, self._log_scales, self._opacities
         frames = source.frames[self.rows] if len(source.frames) else source.frames
         own = replace(source, frames=frames, entries=source.entries[self.rows], sources=self.rows)
-        return project_splats(*shapes, camera, settings, own, workspace, self._placed.name(self.rows))
+        called = self._placed.name(self.rows), self._placed.state.instance_ids
+        return project_splats(*shapes, camera, settings, own, workspace, *called)

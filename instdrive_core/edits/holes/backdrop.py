@@ -293,7 +293,9 @@ def _draw(
     colors = compute_colors(means, sh_dc, sh_rest, camera.position, nodes, poses)
     opacities = np.where(present[scene.nodes], scene.gaussians.opacities, np.float32(0))
     opacities = np.concatenate([opacities, added.opacities])
-    frame = render_preview(means, quats, sizes, opacities, colors, camera, choose_raster_settings(scene))
+    instances = np.concatenate([scene.instance_ids, np.zeros(len(added), np.uint32)])
+    settings = choose_raster_settings(scene)
+    frame = render_preview(means, quats, sizes, opacities, colors, camera, settings, instances=instances)
     color = frame.color + render_sky_behind(scene.sky, camera, frame.alpha)
     things = [instance.id for instance in scene.table if is_compact(instance) and not is_tall(instance)]
     shown = (frame.winner >= 0) & (frame.winner < len(scene))

@@ -95,9 +95,8 @@ def ask_photos(document: Document, number: int, rows: Int64[ndarray, " k"]) -> P
         means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
         opacities = np.where(trained & present[scene.nodes], sigmoid(gaussians.opacity_logits), np.float32(0))
         nothing = np.zeros((len(scene), 3), np.float32)
-        shown = render_preview(
-            means, quats, gaussians.log_scales, opacities, nothing, camera, choose_raster_settings(scene)
-        )
+        shapes, settings = (means, quats, gaussians.log_scales, opacities), choose_raster_settings(scene)
+        shown = render_preview(*shapes, nothing, camera, settings, instances=scene.instance_ids)
         depth = np.where(shown.alpha >= _COVER, shown.depth, np.float32(np.inf))
         is_thing = (shown.winner >= 0) & own[np.maximum(shown.winner, 0)]
         posed = replace(camera, world_from_camera=np.linalg.inv(poses[node]) @ camera.world_from_camera)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Int32, UInt32, UInt64
@@ -35,6 +35,11 @@ class HeldOutView:
     ssim: float | None
     psnr_actors: float | None
     """None where no moving object's box is in view."""
+
+    def rename(self, named: Scene) -> HeldOutView:
+        """Copy the view for a scene with other instances: a pixel stands for the one that gives it most light."""
+        view = self.frame.view
+        return replace(self, winner=view_scene(named, view.camera, view.time).winner)
 
     def with_map(self, predicted: ndarray) -> LabelledView:
         """Pair this view with a predicted map."""

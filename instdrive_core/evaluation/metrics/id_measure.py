@@ -48,6 +48,13 @@ class IdMeasure:
     boxes: dict[int, Track]
     """Boxes by ID of the ground truth."""
 
+    def rename(self, ids: UInt32[ndarray, " n"]) -> IdMeasure:
+        """Copy the measure for other instance IDs of the scene's Gaussians."""
+        if np.array_equal(ids, self.scene.instance_ids):
+            return self
+        named = replace(self.scene, instance_ids=ids)
+        return replace(self, scene=named, views=tuple(view.rename(named) for view in self.views))
+
     def draw_maps(self, ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> list[LabelledView]:
         """Pair the views with the maps that the IDs make."""
         return [view.with_ids(ids) for view in self.views]

@@ -1,9 +1,7 @@
 """Front-to-back blending of a preview: colour, depth and the splat that each pixel stands for, in one walk.
 
-Tiles are blended a block of 4 × 4 pixels at a time. Who wins a pixel is decided on the way: the first solid splat
-claims it, and the one with which its transmittance falls to a half is noted. That is the median splat too unless the
-pixel stays somewhat transparent: only such pixels, and only where they ask for their median splat, are walked a second
-time.
+Tiles are blended a block of 4 × 4 pixels at a time. Who wins a pixel (`PickRule`) is counted on the way, only until
+what is still to come cannot change it: at most pixels that is after one or two splats.
 """
 
 from __future__ import annotations
@@ -39,19 +37,21 @@ from instdrive_core.rasterize.kernels.simd import (
 from instdrive_core.rasterize.preview.output import fetch_pictures, judge_winners, write_tile, write_winners
 from instdrive_core.rasterize.preview.scratch import (
     BATCH,
-    BEFORE_HALF,
     BLOCKS,
     COLUMN,
-    GOAL,
-    HALF,
-    KEPT_BATCHES,
+    FIRST,
+    FIRST_LIGHT,
+    FIRST_WEIGHT,
     LANES,
     LINE,
+    SECOND,
+    SECOND_LIGHT,
+    SECOND_ROW,
+    SECOND_WEIGHT,
     STRIDE,
     TRANSMITTANCE,
     VALUES,
     WINNER,
-    WINNER_WEIGHT,
     new_scratch,
     reset_scratch,
 )
@@ -60,6 +60,7 @@ from instdrive_core.rasterize.preview.splats import (
     AT_B,
     AT_BASE,
     AT_C,
+    AT_INSTANCE,
     AT_OPACITY,
     AT_ROW,
     AT_VALUES,
@@ -115,16 +116,16 @@ def _fetch(records, splats, start, stop):
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _stage(scratch, first, records, splats, start, stop, corner, limits, rule):
-    """Prepare a batch of splats in the slots from `first` on: what they are in the tile, which blocks they reach."""
+def _stage(scratch, records, splats, start, stop, corner, limits, rule):
+    """Prepare a batch of splats: what they are in the tile, and which blocks they reach."""
     staged, blocks = scratch.staged, scratch.blocks
     columns, lines = load(scratch.centers, np.uint64(0)), load(scratch.centers, BLOCKS)
     zero, faintest = fill_lanes(np.float32(0)), limits[3] - _SLACK
     solid = max(rule[1], limits[0])
-    for slot in range(first, first + np.uint64(BATCH)):
+    for slot in range(np.uint64(BATCH)):
         blocks[slot] = np.uint16(0)
     for pair in range(start, stop):
-        slot, at = first + pair - start, np.uint64(splats[pair]) * _WIDTH
+        slot, at = pair - start, np.uint64(splats[pair]) * _WIDTH
         target = slot * LANES
         a, b, c = records[at + AT_A], records[at + AT_B], records[at + AT_C]
         x, y = records[at + AT_X] - corner[0], records[at + AT_Y] - corner[1]
@@ -152,64 +153,66 @@ def _alpha(staged, at, columns, lines, limits):
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _blend_block(scratch, block, first, todo, limits):
-    """Blend the splats `todo` (bits; slots from `first` on) into one block."""
+def _blend_block(scratch, block, todo, limits, nearest):
+    """Blend the splats `todo` (bits; slots) into one block."""
     planes, staged, at_block = scratch.planes, scratch.staged, block * LANES
     min_transmittance = limits[2]
-    zero, half, one = np.float32(0), np.float32(0.5), np.uint64(1)
+    zero, one, bit = fill_lanes(np.float32(0)), fill_lanes(np.float32(1)), np.uint64(1)
     columns, lines = load(planes, COLUMN + at_block), load(planes, LINE + at_block)
     before, values = load(planes, TRANSMITTANCE + at_block), load_block(4, planes, VALUES + at_block, STRIDE)
-    winner, winner_weight = load(planes, WINNER + at_block), load(planes, WINNER_WEIGHT + at_block)
-    half_at, before_half = load(planes, HALF + at_block), load(planes, BEFORE_HALF + at_block)
-    still_open, bright = unpack_lane_bits(scratch.open[block]), unpack_lane_bits(scratch.bright[block])
+    still_open, undecided = unpack_lane_bits(scratch.open[block]), unpack_lane_bits(scratch.undecided[block])
     unclaimed = unpack_lane_bits(scratch.unclaimed[block])
     while todo != np.uint64(0) and any_lane(still_open):
-        at = (first + find_lowest_bit(todo)) * LANES
-        todo &= todo - one
+        at = find_lowest_bit(todo) * LANES
+        todo &= todo - bit
         alpha = _alpha(staged, at, columns, lines, limits)
         after = before - before * alpha
         still_open = still_open & (after > min_transmittance)
         weight = choose(still_open, before - after, zero)
         values = add_scaled(values, weight, staged, at + AT_VALUES)
-        if (any_lane(bright) or any_lane(unclaimed)) and staged[at + _STAGED_SOLID] < _PASSED:
-            row = fill_lanes(staged[at + AT_ROW])
+        if any_lane(undecided) and staged[at + _STAGED_SOLID] < _PASSED:
             claims = still_open & unclaimed & (alpha >= staged[at + _STAGED_SOLID])
             unclaimed = exclude_lanes(unclaimed, claims)
-            winner, winner_weight = choose(claims, row, winner), choose(claims, weight, winner_weight)
-            halves = still_open & bright & (after <= half)
-            bright = exclude_lanes(bright, halves)
-            half_at, before_half = choose(halves, row, half_at), choose(halves, before, before_half)
+            voice = choose(undecided, choose(claims, one, zero) if nearest else weight, zero)
+            left = choose(still_open, after, zero)
+            undecided = exclude_lanes(undecided, _count_voice(planes, at_block, staged, at, voice, left))
         before = choose(still_open, after, before)
-    scratch.open[block], scratch.bright[block] = pack_lane_bits(still_open), pack_lane_bits(bright)
+    scratch.open[block], scratch.undecided[block] = pack_lane_bits(still_open), pack_lane_bits(undecided)
     scratch.unclaimed[block] = pack_lane_bits(unclaimed)
     store(planes, TRANSMITTANCE + at_block, before)
     store_block(planes, VALUES + at_block, STRIDE, values)
-    store(planes, WINNER + at_block, winner)
-    store(planes, WINNER_WEIGHT + at_block, winner_weight)
-    store(planes, HALF + at_block, half_at)
-    store(planes, BEFORE_HALF + at_block, before_half)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _reach_goal(scratch, block, first, todo, limits):
-    """Make winners of the splats with which a pixel's transmittance falls to its goal, and finish those pixels."""
-    planes, staged, at_block = scratch.planes, scratch.staged, block * LANES
-    one = np.uint64(1)
-    columns, lines = load(planes, COLUMN + at_block), load(planes, LINE + at_block)
-    before, winner = load(planes, TRANSMITTANCE + at_block), load(planes, WINNER + at_block)
-    goal, still_open = load(planes, GOAL + at_block), unpack_lane_bits(scratch.open[block])
-    while todo != np.uint64(0) and any_lane(still_open):
-        at = (first + find_lowest_bit(todo)) * LANES
-        todo &= todo - one
-        before = before - before * _alpha(staged, at, columns, lines, limits)
-        if staged[at + _STAGED_SOLID] == _PASSED:
-            continue
-        wins = still_open & (before <= goal)
-        winner = choose(wins, fill_lanes(staged[at + AT_ROW]), winner)
-        still_open = exclude_lanes(still_open, wins)
-    scratch.open[block] = pack_lane_bits(still_open)
-    store(planes, TRANSMITTANCE + at_block, before)
-    store(planes, WINNER + at_block, winner)
+def _count_voice(planes, at_block, staged, at, voice, left):
+    """Count a splat's voices, 0 where it has none, for its instance; returns where the light left decides nothing."""
+    zero, name, row = fill_lanes(np.float32(0)), fill_lanes(staged[at + AT_INSTANCE]), fill_lanes(staged[at + AT_ROW])
+    speaks, first = voice > zero, load(planes, FIRST + at_block)
+    light, other_light = load(planes, FIRST_LIGHT + at_block), load(planes, SECOND_LIGHT + at_block)
+    weight, own = load(planes, FIRST_WEIGHT + at_block), voice
+    others_speak = exclude_lanes(speaks, (first >= name) & (first <= name))
+    if any_lane(others_speak):
+        second, other_weight = load(planes, SECOND + at_block), load(planes, SECOND_WEIGHT + at_block)
+        is_second = others_speak & (second >= name) & (second <= name)
+        stranger, behind = exclude_lanes(others_speak, is_second), other_light >= light
+        # A stranger that is heavier than the weaker of the two takes its place.
+        ousts_first = stranger & behind & (voice > light)
+        ousts_second = exclude_lanes(stranger, behind) & (voice > other_light)
+        own = choose(ousts_first, voice, choose(others_speak, zero, voice))
+        others = choose(ousts_second, voice, choose(is_second, voice, zero))
+        light, weight = choose(ousts_first, zero, light), choose(ousts_first, zero, weight)
+        other_light, other_weight = choose(ousts_second, zero, other_light), choose(ousts_second, zero, other_weight)
+        store(planes, FIRST + at_block, choose(ousts_first, name, first))
+        store(planes, SECOND + at_block, choose(ousts_second, name, second))
+        store(planes, SECOND_ROW + at_block, choose(others > other_weight, row, load(planes, SECOND_ROW + at_block)))
+        other_light = other_light + others
+        store(planes, SECOND_LIGHT + at_block, other_light)
+        store(planes, SECOND_WEIGHT + at_block, greatest(other_weight, others))
+    light = light + own
+    store(planes, FIRST_LIGHT + at_block, light)
+    store(planes, WINNER + at_block, choose(own > weight, row, load(planes, WINNER + at_block)))
+    store(planes, FIRST_WEIGHT + at_block, greatest(weight, own))
+    return magnitude(light - other_light) >= left
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
@@ -222,27 +225,21 @@ def _any_open(scratch):
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _walk(scratch, records, splats, start, stop, corner, limits, rule, median):
-    """Blend a tile's splats; with `median`, after that, only find the splats that undecided pixels stand for."""
-    first, last = np.uint64(0), np.uint64((KEPT_BATCHES - 1) * BATCH)
+def _walk(scratch, records, splats, start, stop, corner, limits, rule):
+    """Blend a tile's splats."""
     end = min(start + np.uint64(BATCH), stop)
     while start < end:
         upcoming = min(end + np.uint64(BATCH), stop)
-        if not median or first == last:  # what was staged before that is still there
-            _stage(scratch, first, records, splats, start, end, corner, limits, rule)
-        reached = scratch.blocks[first : first + np.uint64(BATCH)]
+        _stage(scratch, records, splats, start, end, corner, limits, rule)
         for block in range(BLOCKS):
             # Some of the next batch are fetched before each block: all at once would have to wait for each other.
             soon = end + block * _SHARE
             for pair in range(soon, min(soon + _SHARE, upcoming)):
                 prefetch(records, np.uint64(splats[pair]) * _WIDTH)
-            todo = find_members_with(reached, block)
+            todo = find_members_with(scratch.blocks, block)
             if todo != np.uint64(0) and scratch.open[block] != np.uint16(0):
-                if median:
-                    _reach_goal(scratch, block, first, todo, limits)
-                else:
-                    _blend_block(scratch, block, first, todo, limits)
-        start, end, first = end, upcoming, min(first + np.uint64(BATCH), last)
+                _blend_block(scratch, block, todo, limits, rule[3] > np.float32(0))
+        start, end = end, upcoming
         if not _any_open(scratch):
             break
 
@@ -275,9 +272,8 @@ def _blend(records, starts, entries, size, limits, rule, behind, pictures):
             fetch_pictures(left, top, (color, alpha, depth), winner, height, width)
             corner = np.float32(left), np.float32(top)
             reset_scratch(scratch, width - left, height - top)
-            _walk(scratch, records, splats, start, stop, corner, limits, rule, False)
+            _walk(scratch, records, splats, start, stop, corner, limits, rule)
+            judge_winners(scratch, rule)
             write_tile(scratch, left, top, (color, alpha, depth), behind, height, width)
-            if judge_winners(scratch, rule):
-                _walk(scratch, records, splats, start, stop, corner, limits, rule, True)
             write_winners(scratch, left, top, winner, height, width)
             start, following = following, start

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Int32, UInt32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
@@ -14,7 +14,7 @@ from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSe
 from instdrive_core.rasterize.preview.blend import blend_preview
 from instdrive_core.rasterize.preview.colors import know_colors
 from instdrive_core.rasterize.preview.projection import project_splats
-from instdrive_core.rasterize.preview.splats import NO_NAMES, ProjectedSplats
+from instdrive_core.rasterize.preview.splats import NO_INSTANCES, NO_NAMES, ProjectedSplats
 from instdrive_core.rasterize.preview.tiles import bin_preview_splats
 from instdrive_core.scene.camera import Camera
 
@@ -23,23 +23,26 @@ from instdrive_core.scene.camera import Camera
 class PickRule:
     """Rule by which a pixel stands for one splat.
 
-    The nearest splat that is solid enough wins. Where it carries too little of what the pixel shows (a floater in
-    front), or where no splat is solid, the one at median visible depth wins: the first at which half of the
-    pixel's blended weight is reached. A pixel without solid splats stands for nothing unless it is half covered.
+    The instance that gives the pixel most of its light wins. So no floater in front decides, nor what shines through an
+    object's edge. Two instances are counted at a time, front to back; a splat of a third takes the place of the one
+    that gave less so far if it gives more by itself. Once nothing behind can change who wins, the winner's heaviest
+    splat so far is what the pixel stands for. A pixel without solid splats stands for nothing unless it is half
+    covered.
     """
 
     min_opacity: float = 0.3
     """Opacity from which a splat is solid."""
     min_alpha: float = 0.2
     """α′ from which its fragment is."""
-    min_share: float = 0.5
-    """Share of the pixel's blended weight that the nearest solid splat must carry."""
     min_coverage: float = 0.5
-    """Blended weight from which a pixel without solid splats stands for its median splat."""
+    """Blended weight from which a pixel without solid splats stands for anything."""
+    nearest: bool = False
+    """Whether the nearest solid splat wins instead, whatever lies behind; without one a pixel stands for nothing."""
 
     def to_row(self) -> Float32[ndarray, " 4"]:
-        """Write the numbers in the order above, as the kernels take them."""
-        return np.array(astuple(self), np.float32)
+        """Write opacity, alpha, coverage and whether the nearest wins, as the kernels take them."""
+        coverage = 2.0 if self.nearest else self.min_coverage
+        return np.array([self.min_opacity, self.min_alpha, coverage, self.nearest], np.float32)
 
 
 DEFAULT_PICK_RULE = PickRule()
@@ -68,17 +71,18 @@ def render_preview(
     settings: RasterSettings = DEFAULT_SETTINGS,
     rule: PickRule = DEFAULT_PICK_RULE,
     names: Int32[ndarray, " k"] = NO_NAMES,
+    instances: UInt32[ndarray, " m"] = NO_INSTANCES,
 ) -> Preview:
     """Draw N Gaussians (arguments as for `render`) and find the splat that each pixel stands for.
 
-    `names` are those of `ProjectedSplats`.
+    `names` and `instances` are those of `ProjectedSplats`.
     """
     means, quats, log_scales, opacities, colors = (
         to_kernel_array(array) for array in (means, quats, log_scales, opacities, colors)
     )
     workspace = Workspace()
     source = know_colors(colors)
-    found = project_splats(means, quats, log_scales, opacities, camera, settings, source, workspace, names)
+    found = project_splats(means, quats, log_scales, opacities, camera, settings, source, workspace, names, instances)
     return blend_projected(found, camera, workspace, settings, rule)
 
 

@@ -10,7 +10,6 @@ from instdrive_core.rasterize.kernels.lane_shuffles import arrange_rows, interle
 from instdrive_core.rasterize.kernels.simd import (
     build_block,
     choose,
-    exclude_lanes,
     fill_lanes,
     load,
     load_block,
@@ -21,17 +20,16 @@ from instdrive_core.rasterize.kernels.simd import (
     unpack_lane_bits,
 )
 from instdrive_core.rasterize.preview.scratch import (
-    BEFORE_HALF,
     BLOCKS,
-    GOAL,
-    HALF,
+    FIRST_LIGHT,
     LANES,
+    SECOND_LIGHT,
+    SECOND_ROW,
     SIDE,
     STRIDE,
     TRANSMITTANCE,
     VALUES,
     WINNER,
-    WINNER_WEIGHT,
 )
 
 
@@ -53,15 +51,13 @@ def write_tile(scratch, left, top, pictures, behind, height, width):
     """Copy a blended tile into colour, alpha and depth; what shows through is of the colour `behind`."""
     planes, (color, alpha, depth) = scratch.planes, pictures
     zero, one, three = np.float32(0), np.float32(1), np.uint64(3)
-    for q in range(BLOCKS):
-        store(planes, GOAL + q * LANES, load(planes, TRANSMITTANCE + q * LANES))
-    _lay_in_rows(planes, GOAL)
+    _lay_in_rows(planes, TRANSMITTANCE)
     for channel in range(np.uint64(4)):
         _lay_in_rows(planes, VALUES + channel * STRIDE)
     across = np.int64(width - left)
     for line in range(min(LANES, height - top)):
         at, pixel = line * LANES, (top + line) * width + left
-        through = load(planes, GOAL + at)
+        through = load(planes, TRANSMITTANCE + at)
         total = one - through
         store_up_to(across, alpha, pixel, total)
         store_up_to(across, depth, pixel, choose(total > zero, load(planes, VALUES + at) / total, zero))
@@ -77,26 +73,19 @@ def write_tile(scratch, left, top, pictures, behind, height, width):
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
 def judge_winners(scratch, rule):
-    """Judge the winners. Pixels that stand for their median splat get it where it is known; the others that do start
-    afresh, and whether there are any is returned."""
-    planes, one, half, restarting = scratch.planes, np.float32(1), np.float32(0.5), np.uint16(0)
+    """Judge which of the two instances that were counted has a pixel, before `write_tile`."""
+    planes = scratch.planes
+    bits, zero, one = planes.view(np.int32), np.float32(0), np.float32(1)
     for block in range(BLOCKS):
         at = block * LANES
-        total = one - load(planes, TRANSMITTANCE + at)
-        unclaimed, goal = unpack_lane_bits(scratch.unclaimed[block]), one - half * total
-        covered = pack_lane_bits(unclaimed & (total >= rule[3]))
-        claimed = exclude_lanes(unpack_lane_bits(scratch.inside[block]), unclaimed)
-        floating = pack_lane_bits(claimed & (rule[2] * total > load(planes, WINNER_WEIGHT + at)))
-        asks = covered | floating
-        known = asks & pack_lane_bits(
-            load(planes, BEFORE_HALF + at) > goal
-        )  # at least a half: no splat before reached it
-        store(planes, WINNER + at, choose(unpack_lane_bits(known), load(planes, HALF + at), load(planes, WINNER + at)))
-        store(planes, GOAL + at, goal)
-        store(planes, TRANSMITTANCE + at, fill_lanes(one))
-        scratch.open[block] = asks ^ known
-        restarting |= asks ^ known
-    return restarting != np.uint16(0)
+        light, other_light = load(planes, FIRST_LIGHT + at), load(planes, SECOND_LIGHT + at)
+        winner = choose(light >= other_light, load(planes, WINNER + at), load(planes, SECOND_ROW + at))
+        store(planes, WINNER + at, winner)
+        faint = (fill_lanes(rule[2]) > one - load(planes, TRANSMITTANCE + at)) & (light + other_light > zero)
+        bare = pack_lane_bits(unpack_lane_bits(scratch.unclaimed[block]) & faint)
+        for lane in range(LANES if bare != np.uint16(0) else np.uint64(0)):
+            if (bare >> np.uint16(lane)) & np.uint16(1):
+                bits[WINNER + at + lane] = np.int32(-1)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")

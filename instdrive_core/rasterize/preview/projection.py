@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Int32, UInt32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
@@ -44,7 +44,7 @@ from instdrive_core.rasterize.preview.splats import (
     AT_C,
     AT_COV_XX,
     AT_COV_XY,
-    AT_COV_YY,
+    AT_INSTANCE,
     AT_LIMIT,
     AT_OPACITY,
     AT_ROW,
@@ -53,6 +53,7 @@ from instdrive_core.rasterize.preview.splats import (
     AT_Y,
     MANY,
     NAMELESS,
+    NO_INSTANCES,
     NO_NAMES,
     ProjectedSplats,
 )
@@ -74,13 +75,14 @@ def project_splats(
     source: ColorSource,
     workspace: Workspace,
     names: Int32[ndarray, " k"] = NO_NAMES,
+    instances: UInt32[ndarray, " m"] = NO_INSTANCES,
 ) -> ProjectedSplats:
     """Project, cull and colour splats; culled are those that `project` culls, and those that hold no pixel centre.
 
-    Colours are RGB (≥ 0) along the direction from the camera; `names` are those of `ProjectedSplats`. The arrays are
-    the workspace's.
+    Colours are RGB (≥ 0) along the direction from the camera; `names` and `instances` are those of `ProjectedSplats`.
+    The arrays are the workspace's.
     """
-    found = ProjectedSplats(len(means), workspace, names)
+    found = ProjectedSplats(len(means), workspace, names, instances)
     project_part(means, quats, log_scales, opacities, camera, settings, source, found)
     return found
 
@@ -103,7 +105,8 @@ def project_part(
     constants = np.append(settings.to_row(), np.float32(np.log2(settings.min_alpha) / 8))
     written = found.lines, found.depths, found.tiles.view(np.float32).reshape(-1)
     harmonics, turned, recolored = source.to_arguments()
-    _project(arrays, last, view, constants, harmonics, turned, recolored, written, found.first_row, found.names)
+    called = found.first_row, found.names, found.instances
+    _project(arrays, last, view, constants, harmonics, turned, recolored, written, *called)
 
 
 def _fill_up(rows: ndarray) -> ndarray:
@@ -208,7 +211,6 @@ def _project_chunk(means, quats, log_scales, opacities, start, groups, view, con
         store(columns, at + AT_VALUES * _LANES, z)
         store(columns, at + AT_COV_XX * _LANES, xx)
         store(columns, at + AT_COV_XY * _LANES, xy)
-        store(columns, at + AT_COV_YY * _LANES, yy)
         store(directions, number * _LANES, mx - view[22])
         store(directions, number * _LANES + _ROWS, my - view[23])
         store(directions, number * _LANES + _ROWS + _ROWS, mz - view[24])
@@ -241,7 +243,7 @@ def _note_reached(tiles, wanted, left, upper, shape, bit):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FLAGS)
-def _write_chunk(chunk, start, count, first_row, names, lines, depths, boxes):
+def _write_chunk(chunk, start, count, first_row, names, instances, lines, depths, boxes):
     """Write a chunk's rows from `start` on, of which there are `count`."""
     columns, rows, packed, seen = chunk.columns, chunk.columns.view(np.int32), chunk.boxes, chunk.seen
     zero = np.float32(0)
@@ -256,18 +258,19 @@ def _write_chunk(chunk, start, count, first_row, names, lines, depths, boxes):
             continue
         store_up_to(2 * held, boxes, first * np.uint64(2), load(packed, at_boxes))
         store_up_to(2 * held - 16, boxes, first * np.uint64(2) + _LANES, load(packed, at_boxes + _LANES))
-        for lane in range(held if len(names) else 0):
-            name = names[first + np.uint64(lane)]
-            rows[at + AT_ROW * _LANES + np.uint64(lane)] = name
+        store(columns, at + AT_INSTANCE * _LANES, fill_lanes(zero))
+        for lane in range(np.uint64(held)):
+            name = np.int64(names[first + lane]) if len(names) else np.int64(first_row + first + lane)
+            rows[at + AT_ROW * _LANES + lane] = np.int32(name)
             if name < 0:
-                columns[at + AT_OPACITY * _LANES + np.uint64(lane)] = NAMELESS
-        for lane in range(0 if len(names) else _LANES):
-            rows[at + AT_ROW * _LANES + np.uint64(lane)] = np.int32(first_row + first + lane)
+                columns[at + AT_OPACITY * _LANES + lane] = NAMELESS
+            elif len(instances):
+                columns[at + AT_INSTANCE * _LANES + lane] = np.float32(instances[name])
         store_records(columns, at, visible, lines, first * _LANES)
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FLAGS)
-def _project(arrays, last, view, constants, harmonics, turned, recolored, written, first_row, names):
+def _project(arrays, last, view, constants, harmonics, turned, recolored, written, first_row, names, instances):
     lines, depths, boxes = written
     count, values = np.uint64(len(depths)), harmonics[1].shape[1]
     chunks, flat, rest = (len(depths) + CHUNK - 1) // CHUNK, lines.reshape(-1), harmonics[1].reshape(-1)
@@ -288,4 +291,4 @@ def _project(arrays, last, view, constants, harmonics, turned, recolored, writte
                 *(room, start, here, dc, rest, harmonics[2], harmonics[3], remembered),
                 *(harmonics[5], turned[0], rotations, recolored[0], matrices),
             )
-            _write_chunk(room, start, here, first_row, names, flat, depths, boxes)
+            _write_chunk(room, start, here, first_row, names, instances, flat, depths, boxes)

@@ -20,33 +20,38 @@ from instdrive_core.rasterize.kernels.simd import fill_lanes, load, pack_lane_bi
 SIDE, BLOCKS, LANES = np.uint64(4), np.uint64(16), np.uint64(16)
 BATCH = 64
 """Splats staged at once, one bit of a uint64 each; after each batch a finished tile is left."""
-KEPT_BATCHES = 4
-"""Staged splats of a tile's first batches are there for a second walk; later ones share the last place."""
 STRIDE = np.uint64(PIXELS + TILE)
 """Planes lie one line apart, so that they do not fall on the same cache sets."""
 # Winners are rows, as the bits of an int32; -1 for none.
-_PLANES = tuple(STRIDE * np.uint64(plane) for plane in range(12))
-TRANSMITTANCE, WINNER, WINNER_WEIGHT, HALF, BEFORE_HALF, GOAL, VALUES = _PLANES[:7]
-COLUMN, LINE = _PLANES[10:]
+_PLANES = tuple(STRIDE * np.uint64(plane) for plane in range(15))
+TRANSMITTANCE, VALUES = _PLANES[0], _PLANES[9]
+# Of two instances: which one, its light so far, its heaviest splat (the first one's place is the winner's in the end),
+# and the light of that.
+FIRST, FIRST_LIGHT, WINNER, FIRST_WEIGHT, SECOND, SECOND_LIGHT, SECOND_ROW, SECOND_WEIGHT = _PLANES[1:9]
+COLUMN, LINE = _PLANES[13:]
+
+
+NOBODY = np.float32(-1)
+"""No instance has this number."""
 
 
 class Scratch(NamedTuple):
     """One task's memory. Bits of blocks: one uint16 each, a bit per pixel."""
 
-    planes: Float32[ndarray, " planes*272"]
+    planes: Float32[ndarray, " 15*272"]
     centers: Float32[ndarray, " 32"]
     """Column of each block's centre, line of each."""
     inside: UInt16[ndarray, " 16"]
     """Pixels within the image."""
     open: UInt16[ndarray, " 16"]
     """Pixels that still let light through."""
-    bright: UInt16[ndarray, " 16"]
-    """Pixels that let through more than half of it."""
+    undecided: UInt16[ndarray, " 16"]
+    """Pixels of which splats behind may still change the winner."""
     unclaimed: UInt16[ndarray, " 16"]
     """Pixels that no solid splat has claimed."""
-    staged: Float32[ndarray, " slots*16"]
+    staged: Float32[ndarray, " 64*16"]
     """A cache line per splat."""
-    blocks: UInt16[ndarray, " slots"]
+    blocks: UInt16[ndarray, " 64"]
     """Blocks that each staged splat reaches, a bit per block."""
 
 
@@ -61,8 +66,7 @@ def new_scratch():
             planes[np.int64(COLUMN) + place] = block % 4 * 4 + lane % 4
             planes[np.int64(LINE) + place] = block // 4 * 4 + lane // 4
     bits = np.zeros((4, 16), np.uint16)
-    slots = KEPT_BATCHES * BATCH
-    staged, blocks = allocate_aligned_zeros(slots * np.int64(LANES)), np.zeros(slots, np.uint16)
+    staged, blocks = allocate_aligned_zeros(BATCH * np.int64(LANES)), np.zeros(BATCH, np.uint16)
     return Scratch(planes, centers, bits[0], bits[1], bits[2], bits[3], staged, blocks)
 
 
@@ -72,14 +76,15 @@ def reset_scratch(scratch, width, height):
     planes, none = scratch.planes, np.int32(-1)
     for q in range(np.uint64(PIXELS)):
         planes[TRANSMITTANCE + q] = np.float32(1)
-    for q in range(WINNER_WEIGHT, COLUMN):
+    for q in range(FIRST, COLUMN):
         planes[q] = np.float32(0)
     bits = planes.view(np.int32)
     for q in range(np.uint64(PIXELS)):
-        bits[WINNER + q] = none
+        planes[FIRST + q], planes[SECOND + q] = NOBODY, NOBODY
+        bits[WINNER + q], bits[SECOND_ROW + q] = none, none
     width, height = fill_lanes(np.float32(width)), fill_lanes(np.float32(height))
     for block in range(BLOCKS):
         at = block * LANES
         inside = pack_lane_bits((width > load(planes, COLUMN + at)) & (height > load(planes, LINE + at)))
         scratch.inside[block], scratch.open[block] = inside, inside
-        scratch.bright[block], scratch.unclaimed[block] = inside, inside
+        scratch.undecided[block], scratch.unclaimed[block] = inside, inside

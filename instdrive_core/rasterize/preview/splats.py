@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Int32, UInt32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
@@ -13,10 +13,11 @@ from instdrive_core.maths.workspace import Workspace
 SPLAT_FLOATS = 16
 """Per splat: one cache line."""
 # Its columns. The exponent at offset d from the mean is base - (a·dx + b·dy)² - (c·dy)²; the mean is relative to the
-# centre of pixel (0, 0). Then opacity and the row, as the bits of an int32; depth and colour, which are blended; the 2D
-# covariance and the power limit, from which its tiles follow.
+# centre of pixel (0, 0). Then opacity and the row, as the bits of an int32; depth and colour, which are blended; the
+# number of its instance; the part of the 2D covariance that a, b and c leave open, and the power limit, from which its
+# tiles follow.
 AT_A, AT_B, AT_X, AT_C, AT_Y, AT_BASE, AT_OPACITY, AT_ROW, AT_VALUES = (np.uint64(k) for k in range(9))
-AT_COV_XX, AT_COV_XY, AT_COV_YY, AT_LIMIT = (np.uint64(k) for k in range(12, 16))
+AT_COV_XX, AT_COV_XY, AT_INSTANCE, AT_LIMIT = (np.uint64(k) for k in range(12, 16))
 AT_COLOR = AT_VALUES + np.uint64(1)
 MANY = np.float32(16)
 """Instead of bits of four tiles: more than these."""
@@ -25,6 +26,7 @@ NAMELESS = np.float32(-1)
 
 
 NO_NAMES = np.zeros(0, np.int32)
+NO_INSTANCES = np.zeros(0, np.uint32)
 
 
 class ProjectedSplats:
@@ -35,11 +37,18 @@ class ProjectedSplats:
         workspace: where the arrays are.
         names: rows of a scene that pixels of these splats stand for, -1 for those that no pixel stands for; empty: the
             numbers from 0 on.
+        instances: instance of each of the scene's rows, which share a pixel's light; empty: all are of one.
     """
 
-    def __init__(self, count: int, workspace: Workspace, names: Int32[ndarray, " k"] = NO_NAMES) -> None:
-        self.first_row, self.names = 0, names
-        """Number of the first of these splats, and the scene's rows that they are named by."""
+    def __init__(
+        self,
+        count: int,
+        workspace: Workspace,
+        names: Int32[ndarray, " k"] = NO_NAMES,
+        instances: UInt32[ndarray, " m"] = NO_INSTANCES,
+    ) -> None:
+        self.first_row, self.names, self.instances = 0, names, instances
+        """Number of the first of these splats, the scene's rows that they are named by, and all rows' instances."""
         self.lines = workspace.get_array("projected splats", (count, SPLAT_FLOATS))
         """A cache line each, in the columns above; undefined for invisible ones."""
         self.depths = workspace.get_array("projected depths", (count,))

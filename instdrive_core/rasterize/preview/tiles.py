@@ -15,12 +15,13 @@ from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.bin import SLACK, TILE, TILE_BITS, indices
+from instdrive_core.rasterize.kernels.fragment import EIGHTH
 from instdrive_core.rasterize.kernels.lane_math import round_down, round_up, take_root
 from instdrive_core.rasterize.kernels.simd import WIDTH, choose, greatest, least, load, prefetch, store
 from instdrive_core.rasterize.preview.splats import (
+    AT_C,
     AT_COV_XX,
     AT_COV_XY,
-    AT_COV_YY,
     AT_LIMIT,
     AT_X,
     AT_Y,
@@ -75,11 +76,17 @@ def bin_preview_splats(found: ProjectedSplats, width: int, height: int, workspac
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
+def _compute_height(flat, at):
+    """Compute the vertical part of a splat's 2D covariance, of which c is made."""
+    return np.float32(0.5) * EIGHTH / (flat[at + AT_C] * flat[at + AT_C])
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
 def _cut_rows(flat, at, row, width, tiles):
     """Cut a splat's ellipse of visible alpha in sixteen rows of tiles from `row` on: the first tile of each that it
     reaches, then how many there are. Undefined for rows that it does not reach."""
     x, y, limit, zero = flat[at + AT_X], flat[at + AT_Y], flat[at + AT_LIMIT], np.float32(0)
-    xx, xy, yy = flat[at + AT_COV_XX], flat[at + AT_COV_XY], flat[at + AT_COV_YY]
+    xx, xy, yy = flat[at + AT_COV_XX], flat[at + AT_COV_XY], _compute_height(flat, at)
     slope, stretch, inverse, reach = xy / yy, xx - xy * xy / yy, np.float32(1) / yy, np.sqrt(limit * yy) + SLACK
     peak = xy * np.sqrt(limit / xx)
     upper = load(tiles, _UPPER) + (np.float32(row * np.uint64(TILE)) - y)
@@ -128,7 +135,7 @@ def _list_pairs(records, flat, size, pairs, counts, counters):
             if bits == np.uint64(0):
                 continue
             at = splat * np.uint64(SPLAT_FLOATS)
-            y, reach = flat[at + AT_Y], np.sqrt(flat[at + AT_LIMIT] * flat[at + AT_COV_YY]) + SLACK
+            y, reach = flat[at + AT_Y], np.sqrt(flat[at + AT_LIMIT] * _compute_height(flat, at)) + SLACK
             upper, lower = indices(y - reach, y + reach, size[1])
             top, bottom = np.uint64(upper >> TILE_BITS), np.uint64((lower + TILE - 1) >> TILE_BITS)
             for row in range(top, bottom):

@@ -8,11 +8,23 @@ from little_scenes import random_splats, small_camera
 
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.bin import TILE, bin_splats
+from instdrive_core.rasterize.kernels.fragment import EIGHTH
 from instdrive_core.rasterize.kernels.project import DEPTH, MEAN_X, OPACITY, POWER_LIMIT, project
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.rasterize.preview.colors import know_colors
 from instdrive_core.rasterize.preview.projection import project_splats
-from instdrive_core.rasterize.preview.splats import AT_COV_XX, AT_LIMIT, AT_OPACITY, AT_ROW, AT_VALUES, AT_X, AT_Y
+from instdrive_core.rasterize.preview.splats import (
+    AT_C,
+    AT_COV_XX,
+    AT_COV_XY,
+    AT_INSTANCE,
+    AT_LIMIT,
+    AT_OPACITY,
+    AT_ROW,
+    AT_VALUES,
+    AT_X,
+    AT_Y,
+)
 from instdrive_core.rasterize.preview.tile_order import KEY
 from instdrive_core.rasterize.preview.tiles import bin_preview_splats
 
@@ -32,7 +44,8 @@ def test_lines_hold_what_is_projected_one_by_one(count, antialiased):
     splats = random_splats(camera, count, 3, seed=count)
     *arrays, colors = (np.array(array, np.float32) for array in splats.arrays())
     _spoil(arrays)
-    found = project_splats(*arrays, camera, settings, know_colors(colors), Workspace())
+    instances = np.arange(count, dtype=np.uint32)[::-1] + np.uint32(7)
+    found = project_splats(*arrays, camera, settings, know_colors(colors), Workspace(), instances=instances)
     plain = project(*arrays, camera, settings)
     seen = np.flatnonzero(found.depths)
     assert set(seen) <= set(plain.rows)
@@ -43,6 +56,7 @@ def test_lines_hold_what_is_projected_one_by_one(count, antialiased):
         assert (low > np.minimum(high, [camera.width - 1, camera.height - 1])).any()
     lines, expected = found.lines[seen], plain.splats[plain.places[seen]]
     np.testing.assert_array_equal(lines[:, int(AT_ROW)].view(np.int32), seen)
+    np.testing.assert_array_equal(lines[:, int(AT_INSTANCE)], instances[seen])
     near = {"rtol": 2e-5, "atol": 2e-4}  # pixels, beyond the edge of the picture, too
     np.testing.assert_allclose(lines[:, [int(AT_X), int(AT_Y)]] + 0.5, expected[:, MEAN_X : MEAN_X + 2], **near)
     np.testing.assert_allclose(lines[:, int(AT_VALUES)], expected[:, DEPTH], rtol=1e-6)
@@ -50,7 +64,9 @@ def test_lines_hold_what_is_projected_one_by_one(count, antialiased):
     np.testing.assert_allclose(lines[:, int(AT_OPACITY)], expected[:, OPACITY], rtol=2e-5)
     np.testing.assert_allclose(lines[:, int(AT_LIMIT)], expected[:, POWER_LIMIT], rtol=1e-4, atol=1e-4)
     covariances = plain.covariances[plain.places[seen]]
-    np.testing.assert_allclose(lines[:, int(AT_COV_XX) : int(AT_COV_XX) + 3], covariances, rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(lines[:, [int(AT_COV_XX), int(AT_COV_XY)]], covariances[:, :2], rtol=1e-4, atol=1e-3)
+    heights = 0.5 * EIGHTH / lines[:, int(AT_C)] ** 2  # what tiles take for the third
+    np.testing.assert_allclose(heights, covariances[:, 2], rtol=1e-4, atol=1e-3)
     np.testing.assert_array_equal(found.colors[seen], colors[seen])
 
 

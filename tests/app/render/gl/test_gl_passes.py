@@ -21,7 +21,7 @@ from instdrive_core.maths.spherical_harmonics import evaluate_view_colors
 from instdrive_core.rasterize.preview import PickRule, render_preview
 
 SIZE = (300, 180)
-NEAREST_SOLID = PickRule(min_share=0.0, min_coverage=2.0)
+NEAREST_SOLID = PickRule(nearest=True)
 """The rule of the ID pass, which draws views of instances and outlines while the camera moves."""
 
 
@@ -46,7 +46,7 @@ def cpu_frame(document, snapshot, rule=NEAREST_SOLID):
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     colors = evaluate_view_colors(gaussians.sh_dc, gaussians.sh_rest, directions)
     shape = (gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacities)
-    return render_preview(*shape, colors, snapshot.camera, rule=rule)
+    return render_preview(*shape, colors, snapshot.camera, rule=rule, instances=scene.instance_ids)
 
 
 def edit_street(document):
