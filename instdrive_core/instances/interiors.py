@@ -127,7 +127,7 @@ def fill_compact_objects(
         reach = config.growth * body.reach + 2 * config.margin
         near = rows[np.sort(tree.query_ball_point(body.center, reach))]
         local = (means[near] - body.center) @ body.axes
-        share = _get_shares(shares_of_group, body.instance, near)
+        share = shares_of_group[:, [body.instance]].toarray()[near, 0]
         inside = body.holds(local) & (local[:, 2] > body.floor)
         close = body.holds(local, config.growth, config.margin) & (share >= least[near])
         likelihood = (share + config.unseen_share) / body.volume
@@ -140,14 +140,6 @@ def _find_hidden(shown: Float[ndarray, " n"]) -> Bool[ndarray, " n"]:
     """Find Gaussians of which photos show less than of half of those that they show at all."""
     seen = shown[shown > 0]
     return shown < np.median(seen) if len(seen) else np.ones(len(shown), bool)
-
-
-def _get_shares(shares: csc_array, group: int, rows: Int64[ndarray, " k"]) -> Float64[ndarray, " k"]:
-    """Get the share that a group has in the votes of each row."""
-    entries = slice(int(shares.indptr[group]), int(shares.indptr[group + 1]))
-    found = np.zeros(shares.shape[0])
-    found[shares.indices[entries]] = shares.data[entries]
-    return found[rows]
 
 
 def _find_compact_objects(
