@@ -40,7 +40,7 @@ class InteriorConfig:
     min_share: float = 0.3
     """… which belong to the object that got at least this share of their votes …"""
     min_share_hidden: float = 0.15
-    """… or this share, where photos show less of them than of half of all Gaussians."""
+    """… or this share, where photos show less of them than of half of all Gaussians, and they do not lie below it."""
     unseen_share: float = 0.01
     """Share of the votes that every object is taken to have when several claim a Gaussian."""
 
@@ -121,15 +121,15 @@ def fill_compact_objects(
     """
     filled, rows = groups.copy(), np.flatnonzero(candidates)
     tree, shares_of_group = KDTree(means[rows]), csc_array(shares)
-    least = np.where(_find_hidden(shown), config.min_share_hidden, config.min_share)
-    best = np.zeros(len(groups))
+    hidden, best = _find_hidden(shown), np.zeros(len(groups))
     for body in _find_compact_objects(groups, means, opacities, rows, config):
         reach = config.growth * body.reach + 2 * config.margin
         near = rows[np.sort(tree.query_ball_point(body.center, reach))]
         local = (means[near] - body.center) @ body.axes
         share = shares_of_group[:, [body.instance]].toarray()[near, 0]
-        inside = body.holds(local) & (local[:, 2] > body.floor)
-        close = body.holds(local, config.growth, config.margin) & (share >= least[near])
+        above = local[:, 2] > body.floor
+        partly = (share >= config.min_share) | (hidden[near] & above & (share >= config.min_share_hidden))
+        inside, close = body.holds(local) & above, body.holds(local, config.growth, config.margin) & partly
         likelihood = (share + config.unseen_share) / body.volume
         won = (inside | close) & (likelihood > best[near])
         filled[near[won]], best[near[won]] = body.instance, likelihood[won]

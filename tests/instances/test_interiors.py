@@ -46,8 +46,8 @@ def test_a_side_that_photos_hardly_show_needs_fewer_votes(street):
     shares, shown = np.zeros((705, 2)), np.full(705, 10.0)
     shares[-2:, CAR] = 0.2
     assert filled(street, shares, shown)[-1] == ROAD
-    shown[-2:] = 0.5
-    assert filled(street, shares, shown)[-2:].tolist() == [ROAD, CAR]  # 1.3 m away, and at the hull
+    shares[-3:, CAR], shown[-3:] = 0.2, 0.5
+    assert filled(street, shares, shown)[-3:].tolist() == [ROAD, ROAD, CAR]  # below, 1.3 m away, and at the hull
 
 
 def test_a_few_splats_far_behind_do_not_hide_that_something_is_compact(street):
