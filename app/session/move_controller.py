@@ -18,6 +18,7 @@ from instdrive_app.session.selection_box import Box, SelectionBoxes
 from instdrive_core.edits.bases.append import AppendEdit
 from instdrive_core.edits.bases.relabel import create_instances
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.driving.ways import Template, change_way, drive_instance, park_at
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
@@ -214,9 +215,14 @@ class MoveController:
             self._context.apply(lambda: steps[0] if len(steps) == 1 else CompoundEdit(steps, many))
 
     def put_on_ground(self) -> None:
-        """Lift or lower the selection onto the ground."""
+        """Lift or lower what is selected onto the ground, each thing by itself: streets rise."""
         ids, time = self.ids, self._state.time
-        self._context.apply(lambda: MoveInstances(ids, time=time, on_ground=True))
+
+        def put() -> Edit:
+            each = tuple(MoveInstances((number,), time=time, on_ground=True) for number in ids)
+            return each[0] if len(each) == 1 else CompoundEdit(each, MoveInstances(ids, on_ground=True).title)
+
+        self._context.apply(put)
 
     def reset(self) -> None:
         """Move the selection back to where it is in the scene's file."""

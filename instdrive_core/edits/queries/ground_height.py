@@ -10,10 +10,11 @@ RADII = (2.0, 4.0, 8.0)
 """Metres around the place within which ground is looked for, in this order."""
 MIN_SPLATS, MAX_SPLATS = 20, 5000
 """Fewer within a radius are not enough; of more, evenly chosen ones say the same."""
-LOWEST_SHARE = 0.1
-"""Fewer splats than this share lie below the ground …"""
-BAND = 0.3
-"""… and the lowest of the ground at most so many metres above that."""
+LOWEST_SHARE, LEAST_LAYER = 0.1, 8
+"""The ground is the lowest layer that holds this share of the splats, and so many: what trained below a road, where
+nobody looks, is spread over metres …"""
+BAND = 0.4
+"""… and a layer is so many metres high."""
 TOLERANCE = 0.1
 """Metres that ground may deviate from a plane."""
 MAX_SLOPE = 0.5
@@ -27,8 +28,8 @@ def estimate_ground_height(
 ) -> float | None:
     """Height (metres, z up) of the ground under `place`, among points that do not belong to what stands there.
 
-    The ground is a plane through the lowest layer around: a tenth of the points may lie below it as floaters. None
-    where there are too few points within the largest of `radii` (metres, rising).
+    The ground is a plane through the lowest layer around; floaters may lie below it. None where there are too few
+    points within the largest of `radii` (metres, rising).
     """
     offsets = points[:, :2] - np.asarray(place, np.float32)[:2]
     distances = np.einsum("ni,ni->n", offsets, offsets)
@@ -61,11 +62,17 @@ def estimate_ground_heights(
     return heights
 
 
+def _find_lowest_layer(rising: Float64[ndarray, " k"]) -> float:
+    """Lower edge of the lowest layer, or of the fullest where none is full enough."""
+    counts = np.searchsorted(rising, rising + BAND, side="right") - np.arange(len(rising))
+    full = counts >= max(LOWEST_SHARE * len(rising), LEAST_LAYER)
+    return float(rising[np.argmax(full) if full.any() else np.argmax(counts)])
+
+
 def _fit_height_at_zero(offsets: Float64[ndarray, "k 2"], heights: Float64[ndarray, " k"]) -> float:
     """Height at offset 0 of a plane that grows from the lowest points to all that agree with it."""
-    # One of the points, not between two: the band around it is never empty.
-    low = np.quantile(heights, LOWEST_SHARE, method="nearest")
-    kept = (heights >= low - TOLERANCE) & (heights <= low + BAND)
+    low = _find_lowest_layer(np.sort(heights))
+    kept = (heights >= low) & (heights <= low + BAND)
     level = float(np.median(heights[kept]))
     columns = np.c_[np.ones(len(offsets)), offsets]
     plane = np.array([level, 0.0, 0.0])

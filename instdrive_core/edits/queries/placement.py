@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64
 from numpy import ndarray
+from scipy.spatial import KDTree
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.ground_height import RADII, estimate_ground_heights
@@ -21,6 +22,9 @@ SOLID_OPACITY = 0.3
 """Fainter splats are neither ground nor the foot of anything."""
 _FOOT_SHARE = 0.02
 """Share of an instance's solid splats that may hang below its foot."""
+_MANY_POINTS, _NEIGHBORS, _ALONE = 2000, 5, 3.0
+"""Points that show where strays are; the neighbour of a point that tells whether it is one: its distance is larger than
+so many times the median."""
 _MIN_PATH = 1.0
 """Metres an actor must drive to have a lane of its own."""
 _STREET_SPLATS = 100_000
@@ -30,6 +34,18 @@ _STREET_SPLATS = 100_000
 def find_solid(opacities: Float[ndarray, " n"]) -> Bool[ndarray, " n"]:
     """Mask of the splats that shape a thing: the opaque ones, or the least faint where all are faint."""
     return opacities >= min(SOLID_OPACITY, opacities.max())
+
+
+def drop_strays(points: Float[ndarray, "n 3"]) -> Float[ndarray, "k 3"]:
+    """Drop points of a thing that lie by themselves; of many points, evenly chosen ones stay.
+
+    Below a parked car splats train where nobody looks, metres deep in the road.
+    """
+    points = points[:: max(-(-len(points) // _MANY_POINTS), 1)]
+    if len(points) <= _NEIGHBORS:
+        return points
+    distances = KDTree(points).query(points, k=_NEIGHBORS + 1)[0][:, -1]
+    return points[distances <= _ALONE * np.median(distances)]
 
 
 def estimate_foot(heights: Float[ndarray, " n"]) -> float:
@@ -60,8 +76,8 @@ def compute_bottom(document: Document, ids: Sequence[int], matrix: Similarity, t
         else:
             rows = document.find_rows((instance_id,))
             opacities = sigmoid(document.scene.gaussians.opacity_logits[rows])
-            heights = document.compute_means(rows[find_solid(opacities)]) @ matrix[2, :3] + matrix[2, 3]
-            feet.append(estimate_foot(heights))
+            points = drop_strays(document.compute_means(rows[find_solid(opacities)]))
+            feet.append(estimate_foot(points @ matrix[2, :3] + matrix[2, 3]))
     return float(min(feet))
 
 

@@ -17,6 +17,7 @@ from instdrive_app.session import move_controller
 from instdrive_app.session.selection_box import BOX_EDGES
 from instdrive_app.state import Intrinsics
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows
+from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.visibility import LockInstances
 from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
 from instdrive_core.edits.queries.placement import compute_bottom, compute_center
@@ -197,6 +198,13 @@ def test_a_typed_height_is_not_drawn_to_the_ground_but_a_typed_place_is(session,
     assert compute_bottom(street, (FIRST_CAR,), np.eye(3, 4), 0.0) == pytest.approx(0.0, abs=0.1)
 
 
+def test_strays_below_a_car_are_not_what_it_stands_on(session, street):
+    rows = np.flatnonzero(street.scene.instance_ids == FIRST_CAR)[::20]
+    before = compute_bottom(street, (FIRST_CAR,), np.eye(3, 4), 0.0)
+    street.scene.gaussians.means[rows, 2] -= np.linspace(1, 9, len(rows), dtype=np.float32)
+    assert compute_bottom(street, (FIRST_CAR,), np.eye(3, 4), 0.0) == pytest.approx(before, abs=0.1)
+
+
 def test_put_on_the_ground_and_along_the_lane_by_metres(session, street):
     session.movement.begin_drag(np.eye(3))
     session.movement.drag_to(np.array([0.0, 0.0, 4.0]), NO_TURN, 1.0)
@@ -207,6 +215,19 @@ def test_put_on_the_ground_and_along_the_lane_by_metres(session, street):
     for metres in (1.0, 5.0):
         session.movement.shift_along_lane(metres, "typed")
     np.testing.assert_allclose(np.linalg.norm(middle(session) - start), 5, atol=0.01)
+    assert street.history.cursor == steps + 1
+
+
+def test_several_things_are_put_on_the_ground_each_by_itself(session, street):
+    cars = (FIRST_CAR, FIRST_CAR + 1)
+    before = [compute_bottom(street, (car,), np.eye(3, 4), 0.0) for car in cars]
+    for car, lift in zip(cars, (1.0, 3.0), strict=True):
+        street.apply(MoveInstances((car,), translation=(0.0, 0.0, lift)))
+    session.selection.select(cars)
+    steps = street.history.cursor
+    session.movement.put_on_ground()
+    after = [compute_bottom(street, (car,), np.eye(3, 4), 0.0) for car in cars]
+    np.testing.assert_allclose(after, before, atol=0.15)
     assert street.history.cursor == steps + 1
 
 
