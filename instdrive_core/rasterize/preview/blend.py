@@ -1,7 +1,7 @@
 """Front-to-back blending of a preview: colour, depth and the splat that each pixel stands for, in one walk.
 
-Tiles are blended a block of 4 × 4 pixels at a time. Who wins a pixel (`PickRule`) is counted on the way, only until
-what is still to come cannot change it: at most pixels that is after one or two splats.
+Tiles are blended a block of 4 × 4 pixels at a time. Who wins a pixel (`PickRule`) is counted on the way, until what is
+still to come cannot change it.
 """
 
 from __future__ import annotations
