@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Float32, Int, Int32
 from numpy import ndarray
 
 from instdrive_app.render.world_means import WorldMeans
 from instdrive_core.edits.document.document import Document
+from instdrive_core.instances.shadows import name_splats
 from instdrive_core.rasterize.edited_rows import compute_world_shapes, write_largest_log_scales, write_shown_opacities
+from instdrive_core.rasterize.preview.splats import NO_NAMES
 from instdrive_core.scene.camera import PhotoLag
 from instdrive_core.scene.selection import Flag
 
@@ -34,6 +36,9 @@ class PickableSplats:
         """Natural logarithm of the longest axis in metres."""
         self.opacities: Float32[ndarray, " n"] = np.zeros(0, np.float32)
         """Opacities after recolouring; 0 for a splat that is hidden or deleted, or whose actor is absent."""
+        self.names: Int32[ndarray, " k"] = NO_NAMES
+        """What a pixel of each splat stands for (`name_splats`)."""
+        self._named_rows = -1
 
     @property
     def means(self) -> Float32[ndarray, "n 3"]:
@@ -46,6 +51,8 @@ class PickableSplats:
         count = len(scene)
         if count != len(self.opacities):
             self.opacities, self.log_sizes = _resize(self.opacities, count), _resize(self.log_sizes, count)
+        if self._named_rows != document.versions.rows:
+            self.names, self._named_rows = name_splats(scene.extra), document.versions.rows
         moved = self._world.update(time, lag)
         if moved is not None:
             entries, frames = document.transforms.indices, self._world.frames

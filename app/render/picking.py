@@ -87,7 +87,7 @@ def _find_fragments(splats: PickableSplats, snapshot: FrameSnapshot, column: int
     shape = splats.means[near], *splats.compute_shapes(near), opacities[near]
     fragments = find_fragments_among(near, *shape, camera, column, row, settings)
     rule = replace(DEFAULT_PICK_RULE, min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
-    return fragments, pick_winner(fragments.blended, rule, splats.document.scene.instance_ids)
+    return fragments, pick_winner(fragments.blended, rule, splats.document.scene.instance_ids, splats.names)
 
 
 def _pick_instances(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> PickedInstances:

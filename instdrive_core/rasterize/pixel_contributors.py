@@ -15,9 +15,12 @@ from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.project import DEPTH, OPACITY, camera_to_row, project
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule
+from instdrive_core.rasterize.preview.splats import NO_NAMES
 from instdrive_core.scene.camera import Camera
 
 _CHUNK = 1 << 14
+_NOBODY = -1
+"""Owner of fragments that no pixel stands for."""
 
 
 @dataclass(frozen=True)
@@ -78,19 +81,22 @@ def pick_winner(
     contributors: Contributors,
     rule: PickRule = DEFAULT_PICK_RULE,
     instances: UInt32[ndarray, " n"] | None = None,
+    names: Int32[ndarray, " k"] = NO_NAMES,
 ) -> int:
     """Pick the row that the pixel stands for, by the rule of `render_preview`; -1 for none.
 
-    `instances` holds the instance of each row of the scene; without it all are of one.
+    `instances` holds the instance of each row of the scene; without it all are of one. `names` are those of
+    `ProjectedSplats`.
     """
     rows, weights = contributors.rows, contributors.weights
-    solid = (contributors.opacities >= rule.min_opacity) & (contributors.alphas >= rule.min_alpha)
+    named = names[rows] >= 0 if len(names) else np.ones(len(rows), bool)
+    solid = named & (contributors.opacities >= rule.min_opacity) & (contributors.alphas >= rule.min_alpha)
     if rule.nearest:
         return int(rows[np.argmax(solid)]) if solid.any() else -1
-    if not len(rows) or (not solid.any() and weights.sum() < rule.min_coverage):
+    if not named.any() or (not solid.any() and weights.sum() < rule.min_coverage):
         return -1
-    names = np.zeros(len(rows), np.uint32) if instances is None else instances[rows]
-    heaviest = max(_count_two(names, weights), key=lambda place: place.light)
+    owners = np.zeros(len(rows), np.int64) if instances is None else instances[rows].astype(np.int64)
+    heaviest = max(_count_two(np.where(named, owners, _NOBODY), weights), key=lambda place: place.light)
     return int(rows[heaviest.fragment])
 
 
@@ -98,7 +104,7 @@ def pick_winner(
 class _Place:
     """One of the two instances that are counted."""
 
-    name: int = -1
+    name: int | None = None
     light: float = 0.0
     weight: float = 0.0
     fragment: int = -1
@@ -109,11 +115,13 @@ class _Place:
             self.fragment, self.weight = fragment, weight
 
 
-def _count_two(names: UInt32[ndarray, " k"], weights: Float32[ndarray, " k"]) -> tuple[_Place, _Place]:
-    """Count the light of two instances, front to back, as `PickRule` says."""
+def _count_two(owners: Int64[ndarray, " k"], weights: Float32[ndarray, " k"]) -> tuple[_Place, _Place]:
+    """Count the light of two instances, front to back, as `PickRule` says; those of nobody do not count."""
     first, second, left = _Place(), _Place(), 1.0
-    for fragment, (name, weight) in enumerate(zip(names.tolist(), weights, strict=True)):
+    for fragment, (name, weight) in enumerate(zip(owners.tolist(), weights, strict=True)):
         left -= weight
+        if name == _NOBODY:
+            continue
         place = first if name == first.name else second
         if name not in (first.name, second.name):
             place = first if second.light >= first.light else second

@@ -23,6 +23,7 @@ from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
 from instdrive_core.edits.kinds.visibility import HideInstances
 from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.instances.shadows import LEARNED_SHADOW, SYNTHETIC
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.activations import logit
 from instdrive_core.scene.gaussians import concatenate_gaussians
@@ -62,6 +63,16 @@ def with_floater(opacity, size):
     table = build_instance_table(ids, gaussians.means, codes, nodes)
     scene = Scene(gaussians, ids, codes, nodes, table, street.actors, street.sky, street.views, code_bits=8)
     return Document(scene), where
+
+
+def test_clicks_go_through_shadows_as_the_frame_does(street):
+    is_car = street.scene.instance_ids == BLUE_CAR
+    street.scene.gaussians.opacity_logits[is_car] = logit(np.array([0.05]))
+    street.scene.extra[SYNTHETIC] = np.where(is_car, LEARNED_SHADOW, 0).astype(np.uint8)
+    x, y = find_pixel(street, (3.0, 5.0, 0.9))
+    below = Picker().find_below(street, take_snapshot(street), x, y)
+    assert below.seen[0] not in (0, BLUE_CAR)
+    assert clicks_that_miss(street, take_snapshot(street), 250) == 0
 
 
 @pytest.mark.parametrize("index", [0, 5])
