@@ -132,12 +132,12 @@ def evaluate_scene(
     measure = prepare_id_measure(scene, views, clip, ground_truth, progress)
     learned, objects = build_empty_scores(), ()
     if scene.instance_ids.any() and has_truth:
-        learned = _measure_ids(measure, scene.instance_ids, get_codes(scene), "deletions", progress)
-        objects = measure.list_objects(scene.instance_ids, get_codes(scene))
+        learned = _measure_ids(measure, get_codes(scene), "deletions", progress)
+        objects = measure.list_objects(get_codes(scene))
     reference = build_empty_scores()
     true_ids = _find_reference_ids(scene, clip, ground_truth, progress) if with_reference else None
     if true_ids is not None:
-        reference = _measure_ids(measure, true_ids, None, "deletions, true IDs", progress)
+        reference = _measure_ids(measure.rename(true_ids), None, "deletions, true IDs", progress)
     bounds = {part: {f"reference_{key}": reference[part][key] for key in keys} for part, keys in REFERENCE_KEYS.items()}
     figures = {
         **_score_images(views),
@@ -153,7 +153,7 @@ def evaluate_scene(
     controls = _build_controls(scene, clip, ground_truth) if has_truth else {}
     return Evaluation(
         figures=figures,
-        controls={name: measure.rename(ids).compute_scores(ids) for name, ids in controls.items()},
+        controls={name: measure.rename(ids).compute_scores() for name, ids in controls.items()},
         held_out_steps=tuple(sorted({view.frame.view.index for view in views})),
         privileged=facts["masks"] == ground_truth.source == "annotations",
         scene=scene,
@@ -166,15 +166,13 @@ def evaluate_scene(
 
 def _measure_ids(
     measure: IdMeasure,
-    ids: UInt32[ndarray, " n"],
     codes: UInt64[ndarray, " n"] | None,
     stage: str,
     progress: Progress,
 ) -> dict[str, Any]:
     """`per_view`, `scene`, `lidar` and `click`."""
-    measure = measure.rename(ids)
-    clicked = measure.score_clicks(ids, lambda done, total: progress(stage, done, total))
-    return measure.compute_scores(ids, codes) | {"click": clicked}
+    clicked = measure.score_clicks(lambda done, total: progress(stage, done, total))
+    return measure.compute_scores(codes) | {"click": clicked}
 
 
 def _measure_held_out_views(

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64
 from numpy import ndarray
-from scipy.spatial import KDTree
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.ground_height import RADII, estimate_ground_heights
+from instdrive_core.edits.queries.isolation import find_isolated
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.scene.lane import estimate_street_direction, estimate_travel_direction
@@ -22,9 +22,8 @@ SOLID_OPACITY = 0.3
 """Fainter splats are neither ground nor the foot of anything."""
 _FOOT_SHARE = 0.02
 """Share of an instance's solid splats that may hang below its foot."""
-_MANY_POINTS, _NEIGHBORS, _ALONE = 2000, 5, 3.0
-"""Points that show where strays are; the neighbour of a point that tells whether it is one: its distance is larger than
-so many times the median."""
+_MANY_POINTS, _ALONE = 2000, 3.0
+"""Points that show where strays are, and how isolated (`find_isolated`) these are."""
 _MIN_PATH = 1.0
 """Metres an actor must drive to have a lane of its own."""
 _STREET_SPLATS = 100_000
@@ -42,10 +41,7 @@ def drop_strays(points: Float[ndarray, "n 3"]) -> Float[ndarray, "k 3"]:
     Below a parked car splats train where nobody looks, metres deep in the road.
     """
     points = points[:: max(-(-len(points) // _MANY_POINTS), 1)]
-    if len(points) <= _NEIGHBORS:
-        return points
-    distances = KDTree(points).query(points, k=_NEIGHBORS + 1)[0][:, -1]
-    return points[distances <= _ALONE * np.median(distances)]
+    return points[~find_isolated(points, _ALONE)]
 
 
 def estimate_foot(heights: Float[ndarray, " n"]) -> float:

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64
 from numpy import ndarray
-from scipy.spatial import KDTree
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.queries.isolation import find_isolated
 from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.wording import phrase
 
-NEIGHBORS = 6
 """The distance to this neighbour says how alone a splat is."""
 
 
@@ -142,19 +141,9 @@ def find_scene_floaters(document: Document, limits: FloaterLimits) -> Int64[ndar
     if limits.elongation > 0:
         found |= _find_elongation(document, still) > limits.elongation
     if limits.isolation > 0:
-        found |= _find_isolated(means, drawn, limits.isolation)
-    return np.flatnonzero(found & drawn)
-
-
-def _find_isolated(means: Float32[ndarray, "n 3"], drawn: ndarray, times: float) -> ndarray:
-    rows = np.flatnonzero(drawn & np.isfinite(means).all(axis=1))
-    isolated = np.zeros(len(means), np.bool_)
-    if len(rows) > NEIGHBORS:
-        tree = KDTree(means[rows], balanced_tree=False)
         others = max(1, (os.cpu_count() or 1) - 1)  # one core is left to the window, which draws meanwhile
-        distances = tree.query(means[rows], k=NEIGHBORS + 1, workers=others)[0][:, -1]
-        isolated[rows] = distances > times * np.median(distances)
-    return isolated
+        found[drawn] |= find_isolated(means[drawn], limits.isolation, others)
+    return np.flatnonzero(found & drawn)
 
 
 def _make_column_value(name: str) -> SplatValue:

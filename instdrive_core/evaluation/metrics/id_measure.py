@@ -37,7 +37,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class IdMeasure:
-    """Held-out views and points, drawn or searched once, on which any IDs of the scene's Gaussians are measured."""
+    """Held-out views and points, drawn or searched once, on which the scene's instance IDs are measured."""
 
     scene: Scene
     views: tuple[HeldOutView, ...]
@@ -50,45 +50,41 @@ class IdMeasure:
 
     def rename(self, ids: UInt32[ndarray, " n"]) -> IdMeasure:
         """Copy the measure for other instance IDs of the scene's Gaussians."""
-        if np.array_equal(ids, self.scene.instance_ids):
-            return self
         named = replace(self.scene, instance_ids=ids)
         return replace(self, scene=named, views=tuple(view.rename(named) for view in self.views))
 
-    def draw_maps(self, ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> list[LabelledView]:
+    def draw_maps(self) -> list[LabelledView]:
         """Pair the views with the maps that the IDs make."""
-        return [view.with_ids(ids) for view in self.views]
+        return [view.with_ids(self.scene.instance_ids) for view in self.views]
 
     def select_truth_ids(self, kind: str) -> set[int]:
         """Select IDs of the ground truth that are ``thing`` or ``stuff``."""
         return {instance.id for instance in self.instances.values() if instance.kind == kind}
 
-    def compute_scores(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> dict[str, Any]:
+    def compute_scores(self, codes: UInt64[ndarray, " n"] | None = None) -> dict[str, Any]:
         """`per_view`, `scene` and `lidar`; `codes` as in `score_points`."""
-        shown = self.draw_maps(ids)
+        shown = self.draw_maps()
         return {
             "per_view": score_views(shown),
             "scene": score_scene(shown, self.select_truth_ids("thing"), self.select_truth_ids("stuff")),
-            "lidar": score_points(self.sweeps, self.supports, ids, codes),
+            "lidar": score_points(self.sweeps, self.supports, self.scene.instance_ids, codes),
         }
 
-    def score_clicks(self, ids: UInt32[ndarray, " n"], progress: Callable[[int, int], None]) -> dict[str, Any]:
+    def score_clicks(self, progress: Callable[[int, int], None]) -> dict[str, Any]:
         """`click`; progress counts views."""
-        clicks = click_things(self.draw_maps(ids), self.select_truth_ids("thing"), SEED)
-        named = replace(self.scene, instance_ids=ids)
+        clicks = click_things(self.draw_maps(), self.select_truth_ids("thing"), SEED)
         deleted = score_deletions(
-            named, self.views, clicks, self.boxes, SEED, lambda _, done, total: progress(done, total)
+            self.scene, self.views, clicks, self.boxes, SEED, lambda _, done, total: progress(done, total)
         )
         return score_selections(clicks) | deleted
 
-    def list_objects(
-        self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None
-    ) -> tuple[ObjectRow, ...]:
+    def list_objects(self, codes: UInt64[ndarray, " n"] | None = None) -> tuple[ObjectRow, ...]:
         """List a row per object.
 
         Codes are those of the Gaussians that pixels stand for: blended features invent codes along borders.
         """
-        return list_object_rows(self.draw_maps(ids), None if codes is None else self.draw_maps(codes), self.instances)
+        coded = None if codes is None else [view.with_ids(codes) for view in self.views]
+        return list_object_rows(self.draw_maps(), coded, self.instances)
 
 
 def prepare_id_measure(

@@ -29,8 +29,6 @@ TRANSMITTANCE, VALUES = _PLANES[0], _PLANES[9]
 # and the light of that.
 FIRST, FIRST_LIGHT, WINNER, FIRST_WEIGHT, SECOND, SECOND_LIGHT, SECOND_ROW, SECOND_WEIGHT = _PLANES[1:9]
 COLUMN, LINE = _PLANES[13:]
-
-
 NOBODY = np.float32(-1)
 """No instance has this number."""
 
@@ -41,8 +39,6 @@ class Scratch(NamedTuple):
     planes: Float32[ndarray, " 15*272"]
     centers: Float32[ndarray, " 32"]
     """Column of each block's centre, line of each."""
-    inside: UInt16[ndarray, " 16"]
-    """Pixels within the image."""
     open: UInt16[ndarray, " 16"]
     """Pixels that still let light through."""
     undecided: UInt16[ndarray, " 16"]
@@ -65,9 +61,9 @@ def new_scratch():
             place = block * 16 + lane
             planes[np.int64(COLUMN) + place] = block % 4 * 4 + lane % 4
             planes[np.int64(LINE) + place] = block // 4 * 4 + lane // 4
-    bits = np.zeros((4, 16), np.uint16)
+    bits = np.zeros((3, 16), np.uint16)
     staged, blocks = allocate_aligned_zeros(BATCH * np.int64(LANES)), np.zeros(BATCH, np.uint16)
-    return Scratch(planes, centers, bits[0], bits[1], bits[2], bits[3], staged, blocks)
+    return Scratch(planes, centers, bits[0], bits[1], bits[2], staged, blocks)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
@@ -86,5 +82,4 @@ def reset_scratch(scratch, width, height):
     for block in range(BLOCKS):
         at = block * LANES
         inside = pack_lane_bits((width > load(planes, COLUMN + at)) & (height > load(planes, LINE + at)))
-        scratch.inside[block], scratch.open[block] = inside, inside
-        scratch.undecided[block], scratch.unclaimed[block] = inside, inside
+        scratch.open[block], scratch.undecided[block], scratch.unclaimed[block] = inside, inside, inside
