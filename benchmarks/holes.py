@@ -151,7 +151,7 @@ def _measure_car(
     gone = bake_document(document)
     started = time.perf_counter()
     report = report_deletion(document, (number,), photos[0].view.time)
-    for edit in (report.make_absorb_edit(), report.make_fill_edit()):
+    for edit in (report.make_absorb_edit(), *report.make_fill_edits()):
         try:
             if edit is not None:
                 document.apply(edit)

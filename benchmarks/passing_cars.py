@@ -245,7 +245,7 @@ def delete_vehicle(scene: Scene, instance: Instance) -> tuple[Scene, Scene]:
     track = scene.actors[instance.node - 1]
     report = report_deletion(document, (instance.id,), float(track.times[len(track.times) // 2]))
     print(report.summary, file=sys.stderr)
-    for edit in (report.make_absorb_edit(), report.make_fill_edit()):
+    for edit in (report.make_absorb_edit(), *report.make_fill_edits()):
         try:
             if edit is not None:
                 document.apply(edit)

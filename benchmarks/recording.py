@@ -319,7 +319,7 @@ def _clean_up(document: Document, instance: int, edit: Edit, fills: bool) -> Non
     """Take a thing away by an edit, and do what the editor offers about what that leaves."""
     left = report_deletion(document, (instance,), 0.0) if fills else None
     document.apply(edit)
-    for cleaning in () if left is None else (left.make_absorb_edit(), left.make_fill_edit()):
+    for cleaning in () if left is None else (left.make_absorb_edit(), *left.make_fill_edits()):
         if cleaning is not None:
             document.apply(cleaning)
 

@@ -17,7 +17,7 @@ def list_actions(session: EditorSession) -> list[Action]:
 
     def has_hole() -> bool:
         found = review.findings
-        return is_editable(session) and found is not None and found.hole is not None and not review.is_filling
+        return is_editable(session) and found is not None and bool(found.holes) and not review.is_filling
 
     return [
         Action(

@@ -24,6 +24,7 @@ from instdrive_core.edits.kinds.fill_hole import FillHole
 from instdrive_core.edits.kinds.light.lay_shadow import LayShadow
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
+from instdrive_core.edits.prepared_fill import PreparedFill, prepare_fills
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count, phrase
@@ -53,7 +54,7 @@ class DeletionFindings:
     absorption: Edit | None
     """The edit that deletes the residue, done or not; None without residue."""
     fill_edit: Edit | None = None
-    """The edit that filled the hole, once it was done."""
+    """The edit that filled the holes, once it was done."""
     time: float = 0.0
     """Seconds into the drive at which it was looked at."""
     is_move: bool = False
@@ -71,14 +72,14 @@ class DeletionFindings:
         return 0 if self._is_done(self.absorption) else len(self.report.residue)
 
     @property
-    def hole(self) -> Hole | None:
-        """The hole, until it is filled."""
-        return None if self._is_done(self.fill_edit) or not self.report.hole_area else self.report.hole
+    def holes(self) -> tuple[Hole, ...]:
+        """The holes, until they are filled."""
+        return () if self._is_done(self.fill_edit) else self.report.holes
 
     @property
     def is_current(self) -> bool:
-        """Whether the deletion or move is done and leaves residue or a hole."""
-        return self._is_done(self.deletion) and (self.residue_count > 0 or self.hole is not None)
+        """Whether the deletion or move is done and leaves residue or holes."""
+        return self._is_done(self.deletion) and (self.residue_count > 0 or bool(self.holes))
 
     def _is_done(self, edit: Edit | None) -> bool:
         return edit is not None and any(
@@ -223,35 +224,33 @@ class DeletionReview:
             )
 
     def fill(self) -> None:
-        """Fill the last hole with ground like that around it, computed in the background."""
+        """Fill the holes of the last step with ground like that around them, computed in the background."""
         if not self._filling:
             self._fills_all = False
             self._fill_last()
 
     def _fill_last(self) -> None:
-        found = next((found for found in reversed(self.pending) if found.hole is not None), None)
+        found = next((found for found in reversed(self.pending) if found.holes), None)
         self._fills_all &= found is not None
         if found is not None:  # later reports may only have residue
             self._fill(found, 0)
 
     def _fill(self, found: DeletionFindings, tries: int) -> None:
-        """Fill a hole. Edits wait for that once it has been computed in vain for so many times."""
-        edit, document = found.report.make_fill_edit(), found.document
-        if edit is None:
-            return
+        """Fill the holes. Edits wait for that once it has been computed in vain for so many times."""
+        edits, document = found.report.make_fill_edits(), found.document
         frozen = freeze_document(document)
         self._filling = True
 
-        def finish(_: object) -> None:
+        def finish(fill: PreparedFill) -> None:
             self._filling = False
             if self._context.document is not document:
                 return
-            if not edit.is_prepared_for(document):  # the document was edited in the meantime
-                if any(each is found for each in self.pending) and found.hole is not None:
+            if not fill.is_prepared_for(document):  # the document was edited in the meantime
+                if any(each is found for each in self.pending) and found.holes:
                     self._fill(found, tries + 1)
-            elif self._context.apply(edit):
-                found.fill_edit = edit
-                self._messages.info(phrase("Filled a hole of {area:.1f} m² with synthetic ground", area=edit.area))
+            elif self._context.apply(fill.edit):
+                found.fill_edit = fill.edit
+                self._tell_filled(fill)
                 if self._fills_all:
                     self._fill_last()
 
@@ -263,8 +262,30 @@ class DeletionReview:
 
         modal = tries >= MOST_VAIN_FILLS
         self._jobs.submit(
-            "Filling the hole", lambda: edit.prepare(frozen), finish, modal=modal, on_failure=handle_failure
+            "Filling the hole" if len(edits) == 1 else "Filling the holes",
+            lambda: prepare_fills(frozen, edits),
+            finish,
+            modal=modal,
+            on_failure=handle_failure,
         )
+
+    def _tell_filled(self, fill: PreparedFill) -> None:
+        area = sum(each.area for each in fill.fills)
+        if len(fill.fills) == 1:
+            text = phrase("Filled a hole of {area:.1f} m² with synthetic ground", area=area)
+        else:
+            text = phrase(
+                "Filled {count} holes of {area:.1f} m² with synthetic ground", count=len(fill.fills), area=area
+            )
+        self._messages.info(text)
+        if fill.refused:
+            self._messages.error(
+                phrase(
+                    "{count} of the holes cannot be filled: {error}",
+                    count=len(fill.refused),
+                    error=read_error(fill.refused[0]),
+                )
+            )
 
     def fill_all(self) -> None:
         """Fill all pending holes, one after the other."""
@@ -311,13 +332,11 @@ class DeletionReview:
             if edit is not None and _is_filled(document, found):
                 return
             for older in self._findings:  # what the photos showed takes tens of megabytes
-                older.report = replace(older.report, record=None)
+                older.report = older.report.forget_photos()
             self._findings.append(found)
             if is_told:
                 summary = (
-                    phrase("hole of {area:.1f} m² where it stood", area=found.report.fill_area)
-                    if is_move
-                    else found.report.summary
+                    phrase("{hole} where it stood", hole=found.report.hole_text) if is_move else found.report.summary
                 )
                 self._messages.info(phrase("{title}: {summary}", title=found.title, summary=summary))
 
@@ -367,7 +386,8 @@ def _list_added(edit: Edit) -> tuple[int, ...]:
 
 def _is_filled(document: Document, found: DeletionFindings) -> bool:
     """Whether a later edit of a reopened document has filled this hole, and nothing else is left."""
-    fill, done = found.report.make_fill_edit(), document.history.done
+    done = document.history.done
     after = done[next((number for number, edit in enumerate(done) if edit is found.deletion), 0) :]
-    is_named = fill is not None and any(isinstance(edit, FillHole) and edit.name == fill.name for edit in after)
-    return is_named and not found.residue_count
+    filled = {part.name for edit in after for part in _list_parts(edit) if isinstance(part, FillHole)}
+    fills = found.report.make_fill_edits()
+    return bool(fills) and {fill.name for fill in fills} <= filled and not found.residue_count

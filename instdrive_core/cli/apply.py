@@ -16,7 +16,7 @@ from instdrive_core.cli.arguments import (
     parse_assignment,
     parse_color,
 )
-from instdrive_core.cli.deletion_options import DeletionOptions
+from instdrive_core.cli.deletion_options import DeletionOptions, find_gone
 from instdrive_core.cli.driving.path_options import PathOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.light.shadow_options import ShadowOptions
@@ -99,13 +99,14 @@ def apply(
     placed = [*more.edits(document, shown, is_turned), *paths.edits(document)]
     steps += placed
     steps += _collect_edits(document.scene, delete, recolor, recolor_mode, rename)
+    gone_before = find_gone(document)
     for edit in (*exchange.read_edits(document), *steps):
         document.apply(edit)
     light.follow(document, placed, shown)
     put = list_put(steps)
     for overlap in find_overlaps(document, put.ids, list_drive_times(document), put.added):
         print(f"overlap: {describe_overlap(document, overlap)}")
-    after_deletion.follow(document, [*done, *steps], shown)
+    after_deletion.follow(document, [*done, *steps], gone_before, shown)
     rows = parts.rows(document)
     if is_project(out):
         if rows is not None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass
 
 from instdrive_core.edits.deletion_report import DeletionReport, report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.errors import OptionError
+from instdrive_core.errors import EditError, OptionError
 
 
 @dataclass(frozen=True)
@@ -23,23 +23,47 @@ class DeletionOptions:
     fill_holes: bool = False
     """Clone ground from around into the holes that deletions leave; the copies are marked as synthetic."""
 
-    def follow(self, document: Document, edits: Iterable[Edit], time: float) -> None:
-        """Report on the deletions among `edits` and clean up after them; `time` in seconds."""
+    def follow(self, document: Document, edits: Iterable[Edit], gone_before: Set[int], time: float) -> None:
+        """Report on what `edits` deleted and clean up after it; `time` in seconds.
+
+        Args:
+            gone_before: IDs that `find_gone` gave before the edits.
+
+        Raises:
+            OptionError: nothing was deleted.
+        """
         if not (self.report or self.absorb_residue or self.fill_holes):
             return
         table = document.scene.table
-        ids = {number for edit in edits if isinstance(edit, DeleteInstances) for number in edit.ids if number in table}
+        named = {number for edit in edits if isinstance(edit, DeleteInstances) for number in edit.ids}
+        ids = {number for number in named if number in table} | (find_gone(document) - gone_before)
         if not ids:
-            raise OptionError("nothing was deleted, so nothing can be left of it; name instances with --delete")
+            raise OptionError(
+                "nothing was deleted, so nothing can be left of it; say what with --delete or --delete-class"
+            )
         found = report_deletion(document, ids, time)
         if self.report:
             print("\n".join(_describe_deletion(found, document)))
         cleanup = found.make_absorb_edit() if self.absorb_residue else None
-        fill = found.make_fill_edit() if self.fill_holes else None
-        for edit in (cleanup, fill):
-            if edit is not None:
-                document.apply(edit)
-                print(f"{edit.title[0].lower()}{edit.title[1:]}: done")
+        if cleanup is not None:
+            document.apply(cleanup)
+            print(f"{_lower_first(cleanup.title)}: done")
+        for fill in found.make_fill_edits() if self.fill_holes else ():
+            try:
+                document.apply(fill)
+            except EditError as error:
+                print(f"{_lower_first(fill.title)} ({fill.name}): not done, {error}")
+            else:
+                print(f"{_lower_first(fill.title)} ({fill.name}): done")
+
+
+def _lower_first(text: str) -> str:
+    return text[0].lower() + text[1:]
+
+
+def find_gone(document: Document) -> set[int]:
+    """Find the instances of which every splat is deleted."""
+    return {each.id for each in document.scene.table if document.summarize_instance(each.id).is_deleted}
 
 
 def _describe_deletion(found: DeletionReport, document: Document) -> list[str]:

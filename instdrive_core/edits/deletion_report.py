@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Int64
@@ -13,16 +13,17 @@ from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.holes.deleted_neighbors import find_deleted_neighbors, group_neighbors
 from instdrive_core.edits.holes.holes import Hole, find_hole
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
-from instdrive_core.edits.holes.surroundings import Surroundings, find_surroundings
+from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings, find_surroundings
 from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.fill_hole import FillHole, make_fill_hole
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
-from instdrive_core.progress import report
+from instdrive_core.progress import report, report_span
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import copy_at_home, find_away
 from instdrive_core.wording import format_count, phrase
@@ -31,6 +32,8 @@ MAX_GAP_SHARE = 0.02
 """Share of what a thing hid that may be open to the sky without a fill."""
 SCRAP_SHARE = 0.1
 """An instance with at most this share of a deleted one's splats is no thing that stands behind it."""
+MOST_RECORDS = 4
+"""Groups of deleted things of which the report keeps what the photos showed: each takes tens of megabytes."""
 PUT_ELSEWHERE = 1.0
 """Metres from its home from which a thing stands where photos never saw it."""
 
@@ -47,40 +50,73 @@ class DeletedPart:
 
 
 @dataclass(frozen=True)
+class Clearing:
+    """The hole that one or more things left which stood close together."""
+
+    name: str
+    """Of what was deleted there: ``Car 17``."""
+    hole: Hole
+    record: PhotoRecord | None = field(default=None, repr=False, compare=False)
+    """What the photos showed of what was deleted, so that the fill need not look again; None where none did."""
+
+    @property
+    def fill_area(self) -> float:
+        """Square metres that filling the hole replaces: the hole and the shadow of what was deleted."""
+        return self.hole.area + self.hole.shadow_area if self.hole.area else 0.0
+
+
+@dataclass(frozen=True)
 class DeletionReport:
-    """The residue of a deletion, and the hole that it uncovers."""
+    """The residue of a deletion, and the holes that it uncovers."""
 
     parts: tuple[DeletedPart, ...]
     residue: Int64[ndarray, " r"]
     """Rows, rising: strays in and close around what was deleted."""
     carriers: dict[int, int]
     """How many of them each instance has now; 0 = none."""
-    hole: Hole | None
+    clearings: tuple[Clearing, ...]
     """None where nothing that stood on the ground was deleted, or no ground was seen."""
-    record: PhotoRecord | None = field(default=None, repr=False, compare=False)
-    """What the photos showed of what was deleted, so that the fill need not look again; None where none did."""
 
     @property
     def name(self) -> str:
         """``Car 17`` or ``3 instances``, of which not all may be whole: ``parts of 3 instances``."""
-        whole = all(part.whole for part in self.parts)
-        if len(self.parts) == 1:
-            return self.parts[0].name if whole else phrase("a part of {name}", name=self.parts[0].name)
-        return (
-            format_count(len(self.parts), "instance")
-            if whole
-            else phrase("parts of {count} instances", count=len(self.parts))
-        )
+        return _name_parts(self.parts)
+
+    @property
+    def holes(self) -> tuple[Hole, ...]:
+        """Ground that no photo showed."""
+        return tuple(each.hole for each in self.clearings if each.hole.area)
 
     @property
     def hole_area(self) -> float:
         """Square metres."""
-        return 0.0 if self.hole is None else self.hole.area
+        return sum(hole.area for hole in self.holes)
+
+    @property
+    def shadow_area(self) -> float:
+        """Square metres of ground around the holes that lay in the shadow of what was deleted."""
+        return sum(hole.shadow_area for hole in self.holes)
 
     @property
     def fill_area(self) -> float:
-        """Square metres that filling the hole replaces: the hole and the shadow of what was deleted."""
-        return 0.0 if self.hole is None or not self.hole_area else self.hole.area + self.hole.shadow_area
+        """Square metres that filling the holes replaces: the holes and the shadows."""
+        return self.hole_area + self.shadow_area
+
+    @property
+    def hole_text(self) -> str:
+        """``hole of 3.1 m²`` or ``4 holes of 12.2 m²``, and how much of that was in the shadow."""
+        count, area, dark = len(self.holes), self.fill_area, self.shadow_area
+        if not count:
+            return phrase("no hole")
+        if count > 1 and dark:
+            return phrase(
+                "{count} holes of {area:.1f} m², {dark:.1f} m² of it in the shadow", count=count, area=area, dark=dark
+            )
+        if count > 1:
+            return phrase("{count} holes of {area:.1f} m²", count=count, area=area)
+        if dark:
+            return phrase("hole of {area:.1f} m², {dark:.1f} m² of it in the shadow", area=area, dark=dark)
+        return phrase("hole of {area:.1f} m²", area=area)
 
     @property
     def summary(self) -> str:
@@ -90,11 +126,7 @@ class DeletionReport:
             if len(self.residue)
             else phrase("no residue")
         )
-        hole = phrase("hole of {area:.1f} m²", area=self.fill_area) if self.hole_area else phrase("no hole")
-        if self.hole is not None and self.hole.shadow_area and self.hole_area:
-            area, dark = self.fill_area, self.hole.shadow_area
-            hole = phrase("hole of {area:.1f} m², {dark:.1f} m² of it in the shadow", area=area, dark=dark)
-        return phrase("{residue}, {hole}", residue=residue, hole=hole)
+        return phrase("{residue}, {hole}", residue=residue, hole=self.hole_text)
 
     def make_absorb_edit(self) -> Edit | None:
         """The edit that removes the residue; None where there is none."""
@@ -105,13 +137,25 @@ class DeletionReport:
             (SelectRows(self.residue), DeleteSelected()), phrase("Absorb floaters of {name}", name=self.name)
         )
 
-    def make_fill_edit(self, seed: int = 0) -> FillHole | None:
-        """The edit that fills the hole; None where there is none."""
-        if self.hole is None or not (self.hole_area or self.hole.behind):
-            return None
-        edit = make_fill_hole(self.hole, phrase("fill of {name}", name=self.name)[:MAX_NAME_LENGTH], seed)
-        edit.remember(self.record)
-        return edit
+    def make_fill_edits(self, seed: int = 0) -> tuple[FillHole, ...]:
+        """The edits that fill the holes, to be done in this order."""
+        edits = []
+        for each in self.clearings:
+            edit = make_fill_hole(each.hole, phrase("fill of {name}", name=each.name)[:MAX_NAME_LENGTH], seed)
+            edit.remember(each.record)
+            edits.append(edit)
+        return tuple(edits)
+
+    def forget_photos(self) -> DeletionReport:
+        """The report without what the photos showed, which takes tens of megabytes a hole."""
+        return replace(self, clearings=tuple(replace(each, record=None) for each in self.clearings))
+
+
+def _name_parts(parts: Sequence[DeletedPart]) -> str:
+    whole = all(part.whole for part in parts)
+    if len(parts) == 1:
+        return parts[0].name if whole else phrase("a part of {name}", name=parts[0].name)
+    return format_count(len(parts), "instance") if whole else phrase("parts of {count} instances", count=len(parts))
 
 
 def report_deletion(document: Document, ids: Iterable[int], time: float) -> DeletionReport:
@@ -144,25 +188,52 @@ def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: fl
 
 
 def _build_report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
-    whole, parts = parts, [part for part in parts if _stands_where_it_was(document, part.rows)]
+    reviewed = [part for part in parts if _stands_where_it_was(document, part.rows)]
+    groups = group_neighbors(document, [(part.instance_id, part.rows) for part in reviewed], time)
+    residue, clearings = [np.zeros(0, np.int64)], list[Clearing]()
+    for number, places in enumerate(groups):
+        with report_span(number / len(groups), (number + 1) / len(groups)):
+            found, clearing = _review_group(document, [reviewed[place] for place in places], reviewed, time)
+        residue.append(found)
+        if clearing is not None:
+            clearings.append(clearing if len(groups) <= MOST_RECORDS else replace(clearing, record=None))
+    left = np.setdiff1d(np.unique(np.concatenate(residue)), _join_rows(reviewed), assume_unique=True)
+    carried, counts = np.unique(document.scene.instance_ids[left], return_counts=True)
+    carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
+    return DeletionReport(tuple(parts), left, carriers, tuple(clearings))
+
+
+def _review_group(
+    document: Document, parts: Sequence[DeletedPart], all_parts: Sequence[DeletedPart], time: float
+) -> tuple[Int64[ndarray, " r"], Clearing | None]:
+    """Residue and hole of things that stood close together, beside `all_parts` that were deleted with them."""
     remainders = [None if part.whole else divide_instance(document, part.instance_id, part.rows) for part in parts]
     kept = [remainder.kept for remainder in remainders if remainder is not None]
-    evidence = gather_photo_evidence(document, [part.rows for part in parts], kept)
+    others = [part for part in all_parts if not any(part is mine for mine in parts)]
+    leaving = _join_rows(others)
+    evidence = gather_photo_evidence(document, [part.rows for part in parts], kept, leaving=leaving)
     found = []
     for number, (part, remainder) in enumerate(zip(parts, remainders, strict=True)):
-        report(0.3 + 0.2 * number / len(parts))
+        report(0.6 + 0.2 * number / len(parts))
         found.append(_find_residue(document, part, remainder, evidence))
-    report(0.5)
-    residue = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
-    gone = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
-    residue = np.setdiff1d(residue, gone, assume_unique=True)
-    carried, counts = np.unique(document.scene.instance_ids[residue], return_counts=True)
-    carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
-    around = find_surroundings(document, [(part.instance_id, part.rows) for part in parts], time, kept)
-    report(0.7)
-    hole = None if around is None else _find_hole(around, residue, evidence, tuple(part.instance_id for part in parts))
-    record = None if evidence is None else evidence.record
-    return DeletionReport(tuple(whole), residue, carriers, hole, record)
+    residue = np.setdiff1d(np.unique(np.concatenate(found)), leaving, assume_unique=True)
+    residue = np.setdiff1d(residue, _join_rows(parts), assume_unique=True)
+    report(0.8)
+    members = [(part.instance_id, part.rows) for part in parts]
+    around = find_surroundings(document, members, time, kept, leaving)
+    if around is None:
+        return residue, None
+    beside = find_deleted_neighbors(
+        document, around.place, [part.instance_id for part in parts], {part.instance_id: part.rows for part in others}
+    )
+    hole = _find_hole(around, residue, evidence, tuple(part.instance_id for part in parts), beside)
+    if hole is None or not (hole.area or hole.behind):
+        return residue, None
+    return residue, Clearing(_name_parts(parts), hole, None if evidence is None else evidence.record)
+
+
+def _join_rows(parts: Sequence[DeletedPart]) -> Int64[ndarray, " n"]:
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)]))
 
 
 def _stands_where_it_was(document: Document, rows: Int64[ndarray, " m"]) -> bool:
@@ -176,12 +247,16 @@ def _stands_where_it_was(document: Document, rows: Int64[ndarray, " m"]) -> bool
 
 
 def _find_hole(
-    around: Surroundings, residue: Int64[ndarray, " r"], evidence: PhotoEvidence | None, ids: tuple[int, ...]
+    around: Surroundings,
+    residue: Int64[ndarray, " r"],
+    evidence: PhotoEvidence | None,
+    ids: tuple[int, ...],
+    beside: Sequence[StandingObject],
 ) -> Hole | None:
     if evidence is None:
-        return find_hole(around, residue)
+        return find_hole(around, residue, beside=beside)
     behind = ids if evidence.gap_share > MAX_GAP_SHARE else ()
-    return find_hole(around, np.union1d(residue, evidence.lost), evidence.looks, behind)
+    return find_hole(around, np.union1d(residue, evidence.lost), evidence.looks, behind, beside)
 
 
 def _find_residue(

@@ -41,3 +41,11 @@ def test_without_a_deletion_there_is_nothing_to_tell(folder, tmp_path, capsys):
     assert main(["apply", str(folder), "--report", "-o", str(tmp_path / "out.ply")]) == 2
     assert "--delete" in capsys.readouterr().err
     assert not (tmp_path / "out.ply").exists()
+
+
+def test_all_things_of_a_class_leave_one_report(folder, tmp_path, capsys):
+    options = ["--delete-class", "Car", "--report", "--fill-holes"]
+    assert main(["apply", str(folder), *options, "-o", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"deleted 2 instances: 4\d splats of residue, hole of \d+\.\d m²\n", printed)
+    assert re.search(r"fill hole of \d+\.\d m² \(fill of 2 instances\): done\n", printed)

@@ -41,14 +41,14 @@ def test_strays_and_the_ground_never_seen_are_reported(street):
     count = len(report.residue)
     assert count < 1.25 * len(street.strays)
     assert report.carriers == {PAVEMENT: count}
-    inside, _ = under_car(report.hole)
-    assert inside * report.hole.grid.size**2 == pytest.approx(CAR_SIZE[0] * CAR_SIZE[1], rel=0.1)
-    across = report.hole.grid.compute_centers(report.hole.cells)[:, 0]
+    inside, _ = under_car(report.holes[0])
+    assert inside * report.holes[0].grid.size ** 2 == pytest.approx(CAR_SIZE[0] * CAR_SIZE[1], rel=0.1)
+    across = report.holes[0].grid.compute_centers(report.holes[0].cells)[:, 0]
     assert (across > CAR_CENTER[0] - CAR_SIZE[0] / 2 - 0.5).all(), "the photos' side was seen"
     assert (across < 6.2).all(), "nothing behind the wall is a hole"
     assert report.summary == f"{count} splats of residue, hole of {report.hole_area:.1f} m²"
     assert report.name == "Car 7"
-    corners = report.hole.outlines
+    corners = report.holes[0].outlines
     np.testing.assert_allclose(corners[..., 2], 0.02 * corners[..., 1], atol=0.02)
 
 
@@ -58,7 +58,7 @@ def test_a_report_before_the_deletion_is_that_of_after(street):
     document.apply(DeleteInstances((CAR,)))
     after = report_deletion(document, (CAR,), 0.0)
     np.testing.assert_array_equal(before.residue, after.residue)
-    np.testing.assert_array_equal(before.hole.cells, after.hole.cells)
+    np.testing.assert_array_equal(before.holes[0].cells, after.holes[0].cells)
 
 
 def test_ground_that_photos_reached_is_no_hole(street):
@@ -66,7 +66,7 @@ def test_ground_that_photos_reached_is_no_hole(street):
     document = Document(deepcopy(street.empty))
     document.apply(DeleteInstances((OTHER_CAR,)))
     report = report_deletion(document, (OTHER_CAR,), 0.0)
-    across = report.hole.grid.compute_centers(report.hole.cells)[:, 0]
+    across = report.holes[0].grid.compute_centers(report.holes[0].cells)[:, 0]
     assert (across > CAR_CENTER[0] - CAR_SIZE[0] / 2 - 0.5).all()
     assert report.make_absorb_edit() is None or len(report.residue) < 10
 
@@ -75,7 +75,7 @@ def test_without_photos_the_footprint_is_what_may_be_missing():
     street = parked_street(views=False)
     document = Document(deepcopy(street.scene))
     document.apply(DeleteInstances((CAR,)))
-    inside, outside = under_car(report_deletion(document, (CAR,), 0.0).hole)
+    inside, outside = under_car(report_deletion(document, (CAR,), 0.0).holes[0])
     assert inside > 150
     assert outside < 0.3 * inside
 
@@ -120,7 +120,7 @@ def test_a_car_that_was_moved_there_stays_whole_and_so_does_what_stands_behind_i
         document.apply(MoveInstances((OTHER_CAR,), move))
         document.apply(DeleteInstances((CAR,)))
         report = report_deletion(document, (CAR,), 0.0)
-        for edit in (report.make_absorb_edit(), report.make_fill_edit()):
+        for edit in (report.make_absorb_edit(), *report.make_fill_edits()):
             document.apply(edit)
         lost.append(document.state.find_mask(Flag.DELETED)[: len(street.scene)])
     assert not lost[1][document.find_rows((OTHER_CAR,))].any(), "photos saw it elsewhere, and say nothing about it"
@@ -132,7 +132,7 @@ def test_a_car_stays_whole_where_the_hole_it_left_is_filled(street):
     document = Document(deepcopy(street.scene))
     report = report_deletion(document, (CAR,), 0.0)
     document.apply(MoveInstances((CAR,), (-2.5, -2.0, -0.04)))
-    document.apply(report.make_fill_edit())
+    document.apply(report.make_fill_edits()[0])
     assert not document.state.find_mask(Flag.DELETED)[document.find_rows((CAR,))].any()
     count = len(street.scene)
     added = document.scene.gaussians.means[count:]
@@ -145,7 +145,7 @@ def test_what_was_put_elsewhere_leaves_nothing_where_it_stands(street):
     document = Document(deepcopy(street.scene))
     document.apply(MoveInstances((CAR,), (-3.0, -6.0, -0.12)))
     report = report_deletion(document, (CAR,), 0.0)
-    assert report.hole is None
+    assert not report.holes
     assert not len(report.residue)
 
 
@@ -159,7 +159,7 @@ def test_locked_strays_are_spared(street):
 def test_surfaces_and_moving_objects_leave_no_hole(street):
     document = Document(deepcopy(street.scene))
     report = report_deletion(document, (ROAD,), 0.0)
-    assert (len(report.residue), report.hole) == (0, None)
+    assert (len(report.residue), report.holes) == (0, ())
     driving = Document(random_scene())
     report = report_deletion(driving, (7, 8), 0.2)
     assert report.name == "2 instances"
@@ -193,13 +193,13 @@ def test_the_shadow_of_what_is_deleted_goes_with_it_and_that_of_a_house_stays(st
     shaded = np.flatnonzero(ground & (x > 0.2) & (x < 1.2) & (np.abs(y) < 2.2))
     scene.gaussians.sh_dc[shaded] = dc_from_color(0.4 * color_from_dc(scene.gaussians.sh_dc[shaded]))
     report = report_deletion(Document(scene), (CAR,), 0.0)
-    lit = report.hole.grid.compute_centers(report.hole.shadow)
-    assert report.hole.shadow_area > 2
+    lit = report.holes[0].grid.compute_centers(report.holes[0].shadow)
+    assert report.holes[0].shadow_area > 2
     assert (np.abs(lit - [0.7, 0.0]) < [0.9, 2.7]).all()
-    assert f"{report.hole.shadow_area:.1f} m² of it in the shadow" in report.summary
+    assert f"{report.holes[0].shadow_area:.1f} m² of it in the shadow" in report.summary
     house = np.flatnonzero(ground & (x > 0.2) & (np.abs(y) < 9))
     scene.gaussians.sh_dc[house] = dc_from_color(np.full((len(house), 3), 0.13))
-    assert report_deletion(Document(scene), (CAR,), 0.0).hole.shadow_area == 0
+    assert report_deletion(Document(scene), (CAR,), 0.0).holes[0].shadow_area == 0
 
 
 @pytest.mark.parametrize(("edge", "taken"), [(0.75, True), (1.0, False)])
@@ -209,7 +209,7 @@ def test_the_soft_edge_of_a_shadow_in_the_sun_belongs_to_the_hole(street, edge, 
     for left, right, share in ((0.3, 0.7, edge), (0.7, 1.2, 0.45)):
         rows = np.flatnonzero(ground & (x > left) & (x < right) & (np.abs(y) < 2.2))
         scene.gaussians.sh_dc[rows] = dc_from_color(share * color_from_dc(scene.gaussians.sh_dc[rows]))
-    hole = report_deletion(Document(scene), (CAR,), 0.0).hole
+    hole = report_deletion(Document(scene), (CAR,), 0.0).holes[0]
     places = hole.grid.compute_centers(np.concatenate([hole.cells, hole.shadow]))
     inside = np.count_nonzero((np.abs(places - [0.5, 0.0]) < [0.1, 1.6]).all(axis=1))
     assert (inside * hole.grid.size > 0.8 * 3.2) == taken

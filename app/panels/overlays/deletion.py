@@ -53,7 +53,7 @@ class DeletionOverlay:
             return
         draw = imgui.get_window_draw_list()
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
-        holes = [each.hole for each in ui.session.deletion.review.pending if each.hole is not None]
+        holes = [hole for each in ui.session.deletion.review.pending for hole in each.holes]
         for hole in holes:
             _draw_pattern(self._find_pattern(hole), snapshot.camera, place)
         self._patterns = [known for known in self._patterns if any(known[0] is hole for hole in holes)]
@@ -145,14 +145,14 @@ def _compose_lines(ui: Ui, found: DeletionFindings) -> list[_Line]:
                 commands["deletion.absorb"],
             )
         )
-    if found.hole is not None:
-        words = translate("Filling…" if ui.session.deletion.review.is_filling else "Fill hole")
-        area, dark = found.report.fill_area, found.hole.shadow_area
-        text = phrase("Hole of {area:.1f} m²", area=area)
-        if dark:
-            text = phrase("Hole of {area:.1f} m², {dark:.1f} m² of it in the shadow", area=area, dark=dark)
-        lines.append(_Line(translate(text), f"{get_icon('ICON_FA_FILL_DRIP')}  {words}", commands["deletion.fill"]))
-    if sum(each.hole is not None for each in ui.session.deletion.review.pending) > 1:
+    if found.holes:
+        words = translate("Fill hole" if len(found.holes) == 1 else "Fill holes")
+        if ui.session.deletion.review.is_filling:
+            words = translate("Filling…")
+        text = translate(found.report.hole_text)
+        text = text[0].upper() + text[1:]
+        lines.append(_Line(text, f"{get_icon('ICON_FA_FILL_DRIP')}  {words}", commands["deletion.fill"]))
+    if sum(bool(each.holes) for each in ui.session.deletion.review.pending) > 1:
         icon = get_icon("ICON_FA_FILL_DRIP")
         lines.append(
             _Line(

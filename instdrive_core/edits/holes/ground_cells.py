@@ -30,6 +30,13 @@ def grow_cells(cells: Bool[ndarray, "a b"], size: float, metres: float) -> Bool[
     return _compute_distances(~cells) * size <= metres if cells.any() else cells
 
 
+def find_nearer_cells(cells: Bool[ndarray, "a b"], others: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+    """Find all cells that are nearer to some cells than to others; none where there are none of either."""
+    if not cells.any() or not others.any():
+        return np.zeros_like(cells)
+    return _compute_distances(~cells) < _compute_distances(~others)
+
+
 def _compute_distances(free: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
     """Cells from each free one to the nearest that is not."""
     return np.asarray(ndimage.distance_transform_edt(free), np.float64)

@@ -14,7 +14,7 @@ from scipy import ndimage
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.cast_shadow import HALF_LIT_SHARE, find_cast_shadow, find_shaded_cells, lies_in_shade
 from instdrive_core.edits.holes.free_space import Occluder, build_occluder, count_sightings
-from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells, keep_large_parts
+from instdrive_core.edits.holes.ground_cells import find_covered_cells, find_nearer_cells, grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.ground_map import BARE, GroundMap, build_ground_map, find_solid_cells, find_walls
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane
@@ -74,6 +74,8 @@ class Hole:
     """Seen, but in the shadow of what was deleted."""
     behind: tuple[int, ...] = ()
     """Deleted instances that hid more than ground from all photos."""
+    beside: tuple[int, ...] = ()
+    """Deleted instances around, whose own holes are not filled: what lies there is no ground to copy."""
 
     @property
     def area(self) -> float:
@@ -92,12 +94,17 @@ class Hole:
 
 
 def find_hole(
-    found: Surroundings, residue: Int64[ndarray, " r"], looks: Sequence[Look] = (), behind: tuple[int, ...] = ()
+    found: Surroundings,
+    residue: Int64[ndarray, " r"],
+    looks: Sequence[Look] = (),
+    behind: tuple[int, ...] = (),
+    beside: Sequence[StandingObject] = (),
 ) -> Hole | None:
     """The ground that a deletion uncovers and no photo showed; None where there is no ground around.
 
     `residue` are rows that are left of what was deleted, or that no photo showed: they neither cover the ground nor
-    stand on it. `looks` are the photos that show what was deleted, `behind` the instances that hid more than ground.
+    stand on it. `looks` are the photos that show what was deleted, `behind` the instances that hid more than ground,
+    and things that were deleted `beside` it have holes of their own.
     """
     around = found.around.exclude(residue)
     grid = build_ground_grid(replace(found, around=around))
@@ -105,8 +112,9 @@ def find_hole(
         return None
     ground = build_ground_map(grid, around)
     kept = find_kept_footprint(found.kept, grid)
+    kept |= find_nearer_cells(find_covered_cells(beside, grid), find_covered_cells(found.deleted, grid))
     footprint, reached = _find_footprints(grid, found.deleted, kept)
-    hidden, uncovered = _find_hidden_cells(grid, found)
+    hidden, uncovered = _find_hidden_cells(grid, found, beside)
     if hidden is None:
         hidden = uncovered = grow_cells(footprint, grid.size, FOOTPRINT_MARGIN)
     edge = grow_cells(footprint, grid.size, EDGE)
@@ -126,7 +134,8 @@ def find_hole(
         dimmed = free & find_shaded_cells(ground, clean, HALF_LIT_SHARE)
         edge = grow_cells(rim, grid.size, HALF_LIT) & grow_cells(free & ~dimmed, grid.size, HALF_LIT)
         hole = hole | (dimmed & edge & ~shadow)
-    return Hole(grid, np.argwhere(hole), np.argwhere(shadow), behind)
+    instances = tuple(sorted(each.body.instance for each in beside))
+    return Hole(grid, np.argwhere(hole), np.argwhere(shadow), behind, instances)
 
 
 def _find_bare_cells(
@@ -199,17 +208,23 @@ def build_ground_grid(found: Surroundings) -> GroundGrid | None:
 
 
 def find_known_ground(
-    document: Document, grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]
+    document: Document,
+    grid: GroundGrid,
+    near: Neighborhood,
+    hole: Bool[ndarray, "a b"],
+    beside: Sequence[StandingObject] = (),
 ) -> tuple[GroundMap, Bool[ndarray, "a b"]]:
     """The ground as it is now, and where it is known: solid, free, and shown by enough photos where any are.
 
     Around a `hole` in the sun, ground in the shadow of what else stands there is left out: where cars are parked in a
-    row, their shadows are all that is known on a line, and none of them falls into the hole.
+    row, their shadows are all that is known on a line, and none of them falls into the hole. Of what was deleted
+    `beside` it, photos showed the ground no better than if it still stood there.
     """
     ground = build_ground_map(grid, near)
     table = document.scene.table
     # Hulls of houses and trees reach over the ground before them and below.
-    others = tuple(each for each in find_standing_objects(document, near) if not is_tall(table[each.body.instance]))
+    standing = (*find_standing_objects(document, near), *beside)
+    others = tuple(each for each in standing if not is_tall(table[each.body.instance]))
     occluders = [each for each in (_make_occluder(one, grid) for one in others) if each is not None]
     points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
     seen, _ = count_sightings(points, document.scene.views, occluders, 0)
@@ -235,12 +250,12 @@ def _find_hearsay(ground: GroundMap, known: Bool[ndarray, "a b"]) -> Bool[ndarra
 
 
 def _find_hidden_cells(
-    grid: GroundGrid, found: Surroundings
+    grid: GroundGrid, found: Surroundings, beside: Sequence[StandingObject]
 ) -> tuple[Bool[ndarray, "a b"] | None, Bool[ndarray, "a b"]]:
     """Cells that fewer than `MIN_SIGHTINGS` photos show, and those that the deleted objects hid from any; None where
     there are no photos around to tell."""
     points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
-    occluders = [_make_occluder(each, grid) for each in (*found.deleted, *found.others)]
+    occluders = [_make_occluder(each, grid) for each in (*found.deleted, *found.others, *beside)]
     chosen = sum(each is not None for each in occluders[: len(found.deleted)])
     seen, hidden = count_sightings(points, found.views, [each for each in occluders if each is not None], chosen)
     away = np.linalg.norm(points[:, :2] - found.place[:2], axis=1)

@@ -101,13 +101,14 @@ def gather_photo_evidence(
     groups: Sequence[Int64[ndarray, "_"]],
     kept: Sequence[Int64[ndarray, "_"]] = (),
     record: PhotoRecord | None = None,
+    leaving: Int64[ndarray, "_"] | None = None,
 ) -> PhotoEvidence | None:
     """Compare the photos' views with and without groups of rows, deleted or not, each of one thing.
 
     `kept` are rows of the same things that stay: what shines through them was not seen past the thing. Things that
     move hid nothing for long, so they are left out; None where nothing is left, or there are no photos. Whatever was
-    moved by hand is where the photos saw it. A `record` of the same things is used where it still holds: what it tells
-    is the same, to the last bit.
+    moved by hand is where the photos saw it. Rows that are `leaving` count as deleted already. A `record` of the same
+    things is used where it still holds: what it tells is the same, to the last bit.
     """
     scene = document.scene
     still = [rows for rows in groups if len(rows) and np.count_nonzero(scene.nodes[rows]) < len(rows) / 2]
@@ -121,6 +122,8 @@ def gather_photo_evidence(
     if record is None or record.key != key:
         record = _make_record(photographed, rows, key)
     standing = (document.state.flags & Flag.DELETED) == 0
+    if leaving is not None:
+        standing[leaving] = False
     standing[rows] = True
     behind = [photographed.weigh_behind(sight, standing) for sight in record.sights]
     tally = _Tally(len(scene))

@@ -82,17 +82,20 @@ def find_surroundings(
     groups: Sequence[tuple[int, Int64[ndarray, "_"]]],
     time: float,
     kept: Sequence[Int64[ndarray, "_"]] = (),
+    leaving: Int64[ndarray, "_"] | None = None,
 ) -> Surroundings | None:
     """Surroundings of deleted rows, grouped by instance; None where no group is an object that stood on the ground.
 
-    `time` (seconds) says where moving ones were, `kept` which rows of the same instances were left on purpose.
+    `time` (seconds) says where moving ones were, `kept` which rows of the same instances were left on purpose. Rows
+    that are `leaving` count as deleted already.
     """
-    deleted = [found for found in (_make_standing_object(document, *group) for group in groups) if found is not None]
+    deleted = [found for found in (make_standing_object(document, *group) for group in groups) if found is not None]
     if not deleted:
         return None
     place = np.mean([_find_middle(each, time) for each in deleted], axis=0)
     gone = [instance_id for instance_id, _ in groups]
-    near = find_neighborhood(document, place, np.concatenate([rows for _, rows in groups]))
+    spared = [rows for _, rows in groups] + ([] if leaving is None else [leaving])
+    near = find_neighborhood(document, place, np.concatenate(spared))
     others = find_standing_objects(document, near, gone)
     try:
         lane = find_lane(document, (), place, time)
@@ -108,7 +111,7 @@ def find_standing_objects(
 ) -> tuple[StandingObject, ...]:
     """Objects of the neighbourhood that still stand, except some instances."""
     ids = [number for number in np.unique(near.instance_ids[near.compact]).tolist() if number not in without]
-    found = [_make_standing_object(document, number, _find_alive(document, number)) for number in ids]
+    found = [make_standing_object(document, number, _find_alive(document, number)) for number in ids]
     return tuple(each for each in found if each is not None)
 
 
@@ -133,7 +136,8 @@ def find_neighborhood(
     return Neighborhood(rows, part.means, part.quats, part.scales, part.opacities, colors, ids, locked, compact)
 
 
-def _make_standing_object(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> StandingObject | None:
+def make_standing_object(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> StandingObject | None:
+    """The object that rows of an instance make up; None where they are too large, too flat or too few for one."""
     members = keep_main_node(document, members)
     body = build_body(document, instance_id, members)
     if body is None:

@@ -26,13 +26,14 @@ from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.edits.holes.backdrop import plan_backdrop
 from instdrive_core.edits.holes.cast_shadow import find_shaded_cells, lies_in_shade
+from instdrive_core.edits.holes.deleted_neighbors import pick_unfilled
 from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill, plan_nothing
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
 from instdrive_core.edits.holes.parking_lines import find_parking_lines
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
 from instdrive_core.edits.holes.sunlight.stretch_light import find_hole_light
-from instdrive_core.edits.holes.surroundings import find_neighborhood
+from instdrive_core.edits.holes.surroundings import StandingObject, find_neighborhood
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.compact_objects import select_solid_points
 from instdrive_core.errors import EditError
@@ -71,6 +72,8 @@ class FillHole(AppendEdit):
     thing in the shade has dark ground beside it, too, and what was copied there came from the sun."""
     behind: tuple[int, ...] = ()
     """Deleted instances: what no photo reached past them is closed, too, and what it showed instead is deleted."""
+    beside: tuple[int, ...] = ()
+    """Deleted instances around: where no fill has closed their holes, nothing is copied from there."""
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
     _new_column: bool = field(default=False, init=False, repr=False, compare=False)
     _filling: FillPlan | None = field(default=None, init=False, repr=False, compare=False)
@@ -79,6 +82,7 @@ class FillHole(AppendEdit):
 
     def __post_init__(self) -> None:
         self.behind = check_ids(self.behind) if self.behind else ()
+        self.beside = check_ids(self.beside) if self.beside else ()
         self.cells = _check_cells(self.cells, may_be_none=bool(self.behind))
         (x, y), (ax, ay) = check_number_list(self.corner, "corner", 2), check_number_list(self.along, "along", 2)
         if not 0.99 < np.hypot(ax, ay) < 1.01:
@@ -216,7 +220,7 @@ class FillHole(AppendEdit):
         grid = GroundGrid(self.corner, self.along, self.size, (1, 1), self.plane)
         middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
         half = np.ceil(np.array([HALF_LENGTH, HALF_WIDTH]) / self.size).astype(np.int64)
-        start = middle - half
+        start = np.clip(middle - half, cells.max(axis=0) + 1 - 2 * half, cells.min(axis=0))
         x, y = (np.array(self.corner) + self.size * start @ grid.axes).tolist()
         grid = replace(grid, corner=(x, y), shape=(int(2 * half[0]), int(2 * half[1])))
         hole = np.zeros(grid.shape, bool)
@@ -232,13 +236,18 @@ class FillHole(AppendEdit):
         hole[tuple(inside.T)] = True
         place = grid.lift_to_ground(grid.compute_centers((middle - start)[None]))[0]
         near = find_neighborhood(document, place).exclude(lost)
-        ground, known = find_known_ground(document, grid, near, hole)
+        ground, known = find_known_ground(document, grid, near, hole, self._find_beside(document))
         shaded = find_shaded_cells(ground, known)
         if self.lit and not lies_in_shade(shaded, known, hole, grid.size):
             known &= ~shaded
         lowest = self._find_parking_lines(document, grid)
         light = find_hole_light(document, ground, known, hole, lowest, lost)
         return plan_fill(near, hole, ground, known, rng, lowest, light)
+
+    def _find_beside(self, document: Document) -> tuple[StandingObject, ...]:
+        numbers = [number for number in self.beside if number in document.scene.table]
+        things = [(number, document.find_rows((number,))) for number in numbers]
+        return pick_unfilled(document, things)
 
     def _find_parking_lines(self, document: Document, grid: GroundGrid) -> Bool[ndarray, " b"] | None:
         lines = np.zeros(grid.shape[1], bool)
@@ -268,4 +277,6 @@ def make_fill_hole(hole: Hole, name: str, seed: int = 0) -> FillHole:
     """The edit that fills a hole and replaces the ground in the shadow."""
     grid = hole.grid
     cells = tuple((along, across) for along, across in np.concatenate([hole.cells, hole.shadow]).tolist())
-    return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, behind=hole.behind)
+    return FillHole(
+        cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, behind=hole.behind, beside=hole.beside
+    )

@@ -35,7 +35,7 @@ from instdrive_core.errors import DataError, EditError
 from instdrive_core.project.carrying.row_origins import RowOrigins
 from instdrive_core.scene.selection import Flag
 
-_ONE, _MANY = ("id", "into", "like"), ("ids", "behind")
+_ONE, _MANY = ("id", "into", "like"), ("ids", "behind", "beside")
 """Parameters of edits that name an instance, or several."""
 
 

@@ -100,7 +100,7 @@ def test_undo_brings_the_report_back_and_takes_it_away(session):
     finish(session)
     session.history.undo()
     found = session.deletion.review.findings
-    assert (found.residue_count, found.hole is not None) == (0, True)
+    assert (found.residue_count, bool(found.holes)) == (0, True)
     session.history.undo()
     count = session.deletion.review.findings.residue_count
     assert 40 <= count < 50
@@ -171,7 +171,7 @@ def test_a_hole_without_ground_around_is_explained(session):
 
 
 def test_the_pattern_covers_the_hole():
-    hole = report_deletion(Document(parked_street().scene), (CAR,), 0.0).hole
+    hole = report_deletion(Document(parked_street().scene), (CAR,), 0.0).holes[0]
     pattern = build_hole_pattern(hole)
     first, second = (pattern.stripes[:, k] - pattern.stripes[:, 0] for k in (1, 3))
     areas = np.linalg.norm(np.cross(first, second), axis=1)
@@ -218,7 +218,7 @@ def test_holes_wait_while_other_things_are_deleted_and_one_is_dismissed(two_hole
         finish(session)
     review = session.deletion.review
     assert [found.report.name for found in review.pending] == ["Car 7", "Car 8"]
-    kept = [found.report.record is not None for found in review.pending]
+    kept = [found.report.clearings[0].record is not None for found in review.pending]
     assert kept == [False, True], "only the last report keeps what the photos showed"
     session.actions.run("deletion.clear")
     assert len(review.pending) == 1, "only the report that is shown is dismissed"
@@ -231,13 +231,13 @@ def test_all_holes_are_filled_one_after_the_other(two_holes):
     for number in (CAR, OTHER_CAR):
         session.deletion.delete((number,))
         finish(session)
-    holes = sum(found.hole is not None for found in session.deletion.review.pending)
+    holes = sum(bool(found.holes) for found in session.deletion.review.pending)
     assert session.actions.run("deletion.fill_all")
     for _ in range(4):
         finish(session)
     kinds = [edit.kind for edit in session.document.history.done]
     assert kinds.count("fill_hole") == holes == 2
-    assert all(found.hole is None for found in session.deletion.review.pending)
+    assert all(not found.holes for found in session.deletion.review.pending)
 
 
 def test_the_place_that_a_moved_car_leaves_is_offered_once(session):
@@ -291,13 +291,13 @@ def test_holes_are_offered_again_after_saving_and_reopening(two_holes, tmp_path)
         finish(session)
     session.deletion.review.fill()
     finish(session)
-    assert [found.deletion.ids for found in session.deletion.review.pending if found.hole] == [(CAR,)]
+    assert [found.deletion.ids for found in session.deletion.review.pending if found.holes] == [(CAR,)]
     session.files.save(tmp_path / "work.instdrive")
     finish(session)
     session.files.open(tmp_path / "work.instdrive")
     finish(session)
-    pending = [found for found in session.deletion.review.pending if found.hole]
+    pending = [found for found in session.deletion.review.pending if found.holes]
     assert [found.deletion.ids for found in pending] == [(CAR,)]
     session.deletion.review.fill()
     finish(session)
-    assert not [found for found in session.deletion.review.pending if found.hole]
+    assert not [found for found in session.deletion.review.pending if found.holes]

@@ -60,9 +60,9 @@ def test_the_wall_behind_is_closed_where_it_stands(street, houses):
     document = Document(scene)
     document.apply(DeleteInstances((CAR,)))
     report = report_deletion(document, (CAR,), 0.0)
-    assert report.hole.behind == (CAR,)
+    assert report.holes[0].behind == (CAR,)
     count = len(document.scene)
-    document.apply(report.make_fill_edit())
+    document.apply(report.make_fill_edits()[0])
     means = document.scene.gaussians.means[count:]
     high = means[means[:, 2] - 0.02 * means[:, 1] > 0.6]
     assert len(high) > 50

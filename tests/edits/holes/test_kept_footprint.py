@@ -47,8 +47,11 @@ def test_only_what_the_deleted_part_stood_on_is_a_hole(street, cut):
 
 def under_car(report):
     """Square metres of the hole under the car; what it hid behind itself does not count."""
-    cells = np.abs(report.hole.grid.compute_centers(report.hole.cells) - CAR_CENTER[:2])
-    return np.count_nonzero((cells < CAR_SIZE[:2] / 2).all(axis=1)) * report.hole.grid.size**2
+    area = 0.0
+    for hole in report.holes:
+        away = np.abs(hole.grid.compute_centers(hole.cells) - CAR_CENTER[:2])
+        area += np.count_nonzero((away < CAR_SIZE[:2] / 2).all(axis=1)) * hole.grid.size**2
+    return area
 
 
 def box(low, high, count=400, seed=0):

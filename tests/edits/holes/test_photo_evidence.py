@@ -42,7 +42,7 @@ def test_a_record_says_the_same_once_other_things_are_deleted(street, filled, mo
     document = Document(deepcopy(street.scene))
     document.apply(DeleteInstances((CAR,)))
     if filled:  # what lies there now was in no photo
-        document.apply(report_deletion(document, (CAR,), 0.0).make_fill_edit())
+        document.apply(report_deletion(document, (CAR,), 0.0).make_fill_edits()[0])
     group = [document.find_rows((CAR,))]
     before = gather_photo_evidence(document, group)
     behind = np.concatenate([np.unique(sight.behind.rows) for sight in before.record.sights])
@@ -67,7 +67,7 @@ def delete_and_fill(scene, forget):
     document.apply(DeleteInstances((CAR,)))
     report = report_deletion(document, (CAR,), 0.0)
     document.apply(report.make_absorb_edit())
-    edit = report.make_fill_edit()
+    edit = report.make_fill_edits()[0]
     if forget:
         edit.remember(None)
     document.apply(edit)

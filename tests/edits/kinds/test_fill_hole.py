@@ -69,7 +69,7 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
     mask = place_of_car(camera)
     assert mask.sum() > 500
     before = psnr(bake_document(document), street.empty, mask, camera)
-    document.apply(report.make_fill_edit())
+    document.apply(report.make_fill_edits()[0])
     after = psnr(bake_document(document), street.empty, mask, camera)
     assert after > 28, (before, after)
     assert before < 15, (before, after)
@@ -79,7 +79,7 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
 def test_copies_lie_on_the_ground_in_its_colours(street):
     document, report = emptied(street)
     count = len(document.scene)
-    document.apply(report.make_fill_edit())
+    document.apply(report.make_fill_edits()[0])
     fill = document.scene.table[int(document.scene.instance_ids[count])]
     assert (fill.name, fill.class_name, fill.count) == ("fill of Car 7", "synthetic", len(document.scene) - count)
     rows = np.arange(count, len(document.scene))
@@ -98,7 +98,7 @@ def test_copies_lie_on_the_ground_in_its_colours(street):
 def test_copies_are_marked_also_in_files(street, tmp_path):
     document, report = emptied(street)
     count = len(document.scene)
-    document.apply(report.make_fill_edit())
+    document.apply(report.make_fill_edits()[0])
     column = document.scene.extra["synthetic"]
     assert not column[:count].any()
     assert column[count:].all()
@@ -114,7 +114,7 @@ def test_undo_takes_everything_back_and_a_replay_does_the_same(street):
     document, report = emptied(street)
     same, _ = emptied(street)
     state = same.state.flags.copy(), same.first_free_id
-    edit = report.make_fill_edit(seed=3)
+    edit = report.make_fill_edits(seed=3)[0]
     document.apply(edit)
     assert document.state.find_mask(Flag.DELETED).sum() > (state[0] & Flag.DELETED > 0).sum(), "noise in the hole goes"
     replayed, _ = emptied(street)
@@ -133,10 +133,10 @@ def test_undo_takes_everything_back_and_a_replay_does_the_same(street):
 
 def test_a_second_fill_keeps_the_column_of_the_first(street):
     document, report = emptied(street)
-    first = report.make_fill_edit()
+    first = report.make_fill_edits()[0]
     document.apply(first)
     count = len(document.scene)
-    document.apply(report.make_fill_edit(seed=1))
+    document.apply(report.make_fill_edits(seed=1)[0])
     assert document.scene.extra["synthetic"][count:].all()
     document.undo()
     assert len(document.scene.extra["synthetic"]) == count
@@ -148,7 +148,7 @@ def test_copies_wear_the_colour_of_recoloured_ground(street):
     document, report = emptied(street)
     document.apply(RecolorInstances((1,), "solid", (0.0, 0.0, 1.0)))
     count = len(document.scene)
-    document.apply(report.make_fill_edit())
+    document.apply(report.make_fill_edits()[0])
     means, entries = document.scene.gaussians.means[count:], document.colors.indices[count:]
     road = (means[:, 0] < 2.9) & (means[:, 2] < 0.15)
     copied = np.isin(entries, np.unique(document.colors.indices[document.find_rows((1,))]))
@@ -161,7 +161,7 @@ def test_a_fill_without_ground_around_is_refused(street):
     document.apply(DeleteInstances((1, 2, 3)))
     count = len(document.scene)
     with pytest.raises(EditError, match="no ground"):
-        document.apply(report.make_fill_edit())
+        document.apply(report.make_fill_edits()[0])
     assert len(document.scene) == count
     assert "synthetic" not in document.scene.extra
 
@@ -204,8 +204,8 @@ def test_pieces_continue_what_runs_along_the_lane():
 def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monkeypatch):
     document, report = emptied(street)
     expected, _ = emptied(street)
-    expected.apply(report.make_fill_edit())
-    frozen, edit = freeze_document(document), report.make_fill_edit()
+    expected.apply(report.make_fill_edits()[0])
+    frozen, edit = freeze_document(document), report.make_fill_edits()[0]
     document.apply(SelectInstances((1,)))
     edit.prepare(frozen)
     with monkeypatch.context() as patch:
@@ -215,13 +215,13 @@ def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monke
         document.redo()
     np.testing.assert_array_equal(document.scene.gaussians.means, expected.scene.gaussians.means)
     late, _ = emptied(street)
-    edit = report.make_fill_edit()
+    edit = report.make_fill_edits()[0]
     edit.prepare(freeze_document(late))
     late.apply(DeleteInstances((8,)))
     late.apply(edit)
     fresh, _ = emptied(street)
     fresh.apply(DeleteInstances((8,)))
-    fresh.apply(report.make_fill_edit())
+    fresh.apply(report.make_fill_edits()[0])
     assert_same_scene(late.scene, fresh.scene)
 
 

@@ -107,7 +107,7 @@ def test_deleted_bit_by_bit_it_is_gone_as_a_whole(document, street):
     for report in (before, after):
         assert report.name == "Car 7"
         np.testing.assert_array_equal(report.residue, street.strays)
-        np.testing.assert_array_equal(report.hole.cells, whole.hole.cells)
+        np.testing.assert_array_equal(report.holes[0].cells, whole.holes[0].cells)
     document.apply(after.make_absorb_edit())
     assert not len(report_deletion(document, (CAR,), 0.0).residue)
 

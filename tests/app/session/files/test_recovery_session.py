@@ -74,7 +74,7 @@ def test_holes_of_a_killed_editor_are_offered_after_recovery(tmp_path, monkeypat
     for number in (CAR, OTHER_CAR):
         editor.deletion.delete((number,))
         finish(editor)
-    assert len([found for found in editor.deletion.review.pending if found.hole is not None]) == 2
+    assert len([found for found in editor.deletion.review.pending if found.holes]) == 2
     editor.deletion.review.fill()
     finish(editor)
     editor.tick(0.0)
@@ -91,9 +91,9 @@ def test_holes_of_a_killed_editor_are_offered_after_recovery(tmp_path, monkeypat
     (session,) = again.files.autosave.recoverable
     again.files.recover(session)
     finish(again)
-    (left,) = [found for found in again.deletion.review.pending if found.hole is not None]
+    (left,) = [found for found in again.deletion.review.pending if found.holes]
     assert left.deletion.ids == (CAR,)
     again.deletion.review.fill_all()
     finish(again)
-    assert not [found for found in again.deletion.review.pending if found.hole is not None]
+    assert not [found for found in again.deletion.review.pending if found.holes]
     again.close()

@@ -78,7 +78,7 @@ def test_the_fill_has_the_shade_and_is_the_same_again(scene):
     for _ in range(2):
         document = Document(deepcopy(scene))
         document.apply(DeleteInstances((CAR,)))
-        document.apply(report_deletion(document, (CAR,), 0.0).make_fill_edit())
+        document.apply(report_deletion(document, (CAR,), 0.0).make_fill_edits()[0])
         scenes.append(document.scene)
     assert_same_scene(*scenes)
     added = slice(len(scene), None)

@@ -1,0 +1,51 @@
+"""Filling the holes of one deletion as one step, worked out before it is done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.fill_hole import FillHole
+from instdrive_core.errors import EditError
+from instdrive_core.progress import report_span
+from instdrive_core.wording import phrase
+
+
+@dataclass(frozen=True)
+class PreparedFill:
+    """Fills that know what to copy, in their order."""
+
+    edit: Edit
+    """All of them as one step."""
+    fills: tuple[FillHole, ...]
+    refused: tuple[EditError, ...]
+    """Why others cannot be done."""
+
+    def is_prepared_for(self, document: Document) -> bool:
+        """Whether it is known what to copy in a document with this content."""
+        return self.fills[0].is_prepared_for(document)
+
+
+def prepare_fills(frozen: Document, fills: Sequence[FillHole]) -> PreparedFill:
+    """Work out one or more fills on a frozen copy of a document, each on what the ones before it laid.
+
+    The copy has all fills but the last one afterwards. Raises EditError where none of them can be done.
+    """
+    done, refused = list[FillHole](), list[EditError]()
+    for number, fill in enumerate(fills):
+        with report_span(number / len(fills), (number + 1) / len(fills)):
+            try:
+                fill.prepare(frozen)
+                if number + 1 < len(fills):
+                    fill.do(frozen)
+                done.append(fill)
+            except EditError as error:
+                refused.append(error)
+    if not done:
+        raise refused[0]
+    area = sum(each.area for each in done)
+    name = phrase("Fill {count} holes of {area:.1f} m²", count=len(done), area=area)
+    return PreparedFill(done[0] if len(done) == 1 else CompoundEdit(tuple(done), name), tuple(done), tuple(refused))
