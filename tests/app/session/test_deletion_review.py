@@ -301,3 +301,21 @@ def test_holes_are_offered_again_after_saving_and_reopening(two_holes, tmp_path)
     session.deletion.review.fill()
     finish(session)
     assert not [found for found in session.deletion.review.pending if found.holes]
+
+
+def test_things_deleted_together_leave_one_report_and_are_filled_as_one_step(session):
+    scene = parked_street().scene
+    scene.gaussians.means[scene.instance_ids == OTHER_CAR] += np.float32([0, 3.0, 0.06])  # too far for one hole
+    session.show(Document(scene))
+    session.deletion.delete((CAR, OTHER_CAR))
+    finish(session)
+    (found,) = session.deletion.review.pending
+    assert found.title == "Deleted 2 instances"
+    assert len(found.holes) == 2
+    assert session.actions.run("deletion.fill")
+    finish(session)
+    assert texts(session)[-1] == f"Filled 2 holes of {found.report.fill_area:.1f} m² with synthetic ground"
+    assert session.document.history.done[-1].title == f"Fill 2 holes of {found.report.fill_area:.1f} m²"
+    assert not found.holes
+    session.history.undo()
+    assert len(session.deletion.review.findings.holes) == 2, "undo brings both back"
