@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int64
@@ -13,8 +14,9 @@ from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.holes.bare_ground import find_bare_hole, find_bare_places
 from instdrive_core.edits.holes.deleted_neighbors import find_deleted_neighbors, group_neighbors
-from instdrive_core.edits.holes.holes import Hole, find_hole
+from instdrive_core.edits.holes.holes import Hole, build_ground_grid, find_hole
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
 from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings, find_surroundings
 from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
@@ -193,10 +195,9 @@ def _build_report(document: Document, parts: Sequence[DeletedPart], time: float)
     residue, clearings = [np.zeros(0, np.int64)], list[Clearing]()
     for number, places in enumerate(groups):
         with report_span(number / len(groups), (number + 1) / len(groups)):
-            found, clearing = _review_group(document, [reviewed[place] for place in places], reviewed, time)
+            found, cleared = _review_group(document, [reviewed[place] for place in places], reviewed, time)
         residue.append(found)
-        if clearing is not None:
-            clearings.append(clearing if len(groups) <= MOST_RECORDS else replace(clearing, record=None))
+        clearings += cleared if len(groups) <= MOST_RECORDS else [replace(each, record=None) for each in cleared]
     left = np.setdiff1d(np.unique(np.concatenate(residue)), _join_rows(reviewed), assume_unique=True)
     carried, counts = np.unique(document.scene.instance_ids[left], return_counts=True)
     carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
@@ -205,8 +206,8 @@ def _build_report(document: Document, parts: Sequence[DeletedPart], time: float)
 
 def _review_group(
     document: Document, parts: Sequence[DeletedPart], all_parts: Sequence[DeletedPart], time: float
-) -> tuple[Int64[ndarray, " r"], Clearing | None]:
-    """Residue and hole of things that stood close together, beside `all_parts` that were deleted with them."""
+) -> tuple[Int64[ndarray, " r"], list[Clearing]]:
+    """Residue and holes of things that stood close together, beside `all_parts` that were deleted with them."""
     remainders = [None if part.whole else divide_instance(document, part.instance_id, part.rows) for part in parts]
     kept = [remainder.kept for remainder in remainders if remainder is not None]
     others = [part for part in all_parts if not any(part is mine for mine in parts)]
@@ -222,14 +223,35 @@ def _review_group(
     members = [(part.instance_id, part.rows) for part in parts]
     around = find_surroundings(document, members, time, kept, leaving)
     if around is None:
-        return residue, None
-    beside = find_deleted_neighbors(
-        document, around.place, [part.instance_id for part in parts], {part.instance_id: part.rows for part in others}
-    )
-    hole = _find_hole(around, residue, evidence, tuple(part.instance_id for part in parts), beside)
-    if hole is None or not (hole.area or hole.behind):
-        return residue, None
-    return residue, Clearing(_name_parts(parts), hole, None if evidence is None else evidence.record)
+        return residue, []
+    ids = tuple(part.instance_id for part in parts)
+    beside = find_deleted_neighbors(document, around.place, ids, {part.instance_id: part.rows for part in others})
+    hole = _find_hole(around, residue, None if around.moves else evidence, ids, beside)
+    holes = [] if hole is None or not (hole.area or hole.behind) else [hole]
+    if around.moves and evidence is not None:
+        holes += _find_bare_holes(document, around, evidence, holes, (members, time, kept, leaving))
+    record = None if evidence is None else evidence.record
+    return residue, [Clearing(_name_parts(parts), hole, record) for hole in holes]
+
+
+def _find_bare_holes(
+    document: Document,
+    around: Surroundings,
+    evidence: PhotoEvidence,
+    earlier: Sequence[Hole],
+    asked: tuple[Any, ...],
+) -> list[Hole]:
+    """Find the ground that something which moves hid all the time; `asked` is what `around` are the surroundings of."""
+    grid, holes = build_ground_grid(around), list[Hole]()
+    places = [] if grid is None else find_bare_places(evidence.looks, grid.plane, around.along)
+    for place in places:
+        found = find_surroundings(document, *asked, place)
+        assert found is not None
+        assert grid is not None
+        hole = find_bare_hole(replace(found, plane=grid.plane), evidence.looks, [*earlier, *holes])
+        if hole is not None:  # the first fill closes what stands behind
+            holes.append(hole if holes else replace(hole, behind=tuple(each.body.instance for each in around.deleted)))
+    return holes
 
 
 def _join_rows(parts: Sequence[DeletedPart]) -> Int64[ndarray, " n"]:

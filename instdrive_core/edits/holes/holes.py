@@ -124,7 +124,7 @@ def find_hole(
     wrong = candidates & ~_find_plausible_cells(ground, clean, candidates)
     missing = footprint & ~find_solid_cells(ground)
     closed = _close_gaps(wrong, candidates, ground.obstructed | kept, grid.size)
-    bare = _find_bare_cells(grid, ground, around, looks, found.place) & (footprint | ~ground.obstructed) & ~kept
+    bare = find_bare_cells(grid, ground, around, looks, found.place) & (footprint | ~ground.obstructed) & ~kept
     hole = keep_large_parts(closed | missing | bare, grid.size, MIN_AREA)
     shaded, free = find_shaded_cells(ground, clean), find_solid_cells(ground) & ~ground.obstructed & ~kept
     rim = grow_cells(hole, grid.size, DARK_RIM) & shaded & free
@@ -138,10 +138,13 @@ def find_hole(
     return Hole(grid, np.argwhere(hole), np.argwhere(shadow), behind, instances)
 
 
-def _find_bare_cells(
-    grid: GroundGrid, ground: GroundMap, near: Neighborhood, looks: Sequence[Look], place: Float64[ndarray, "3"]
+def find_bare_cells(
+    grid: GroundGrid, ground: GroundMap, near: Neighborhood, looks: Sequence[Look], place: Float64[ndarray, "3"] | None
 ) -> Bool[ndarray, "a b"]:
-    """Cells without ground that a photo would show where it showed what was deleted, up to what stands behind."""
+    """Cells without ground that a photo would show where it showed what was deleted, up to what stands behind.
+
+    `place` is where that stood (metres); None where it moves: each look then has a place of its own.
+    """
     points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
     shown = np.zeros(len(points), bool)
     walls = ground.obstructed | find_walls(grid, near)
@@ -152,7 +155,8 @@ def _find_bare_cells(
         framed = (depths > 0) & (columns >= 0) & (columns < width) & (lines >= 0) & (lines < height)
         hit = np.flatnonzero(framed & ~shown)
         hit = hit[look.open[lines[hit], columns[hit]]]
-        shown[hit[_is_free_way(grid, walls, place, look.camera.position, points[hit])]] = True
+        start = look.place if place is None else place
+        shown[hit[_is_free_way(grid, walls, start, look.camera.position, points[hit])]] = True
     bare = np.asarray(ndimage.binary_closing(shown.reshape(grid.shape), np.ones((3, 3))), bool)
     return bare & (ground.cover < BARE_COVER)
 
@@ -198,11 +202,15 @@ def build_ground_grid(found: Surroundings) -> GroundGrid | None:
     plane = fit_ground_plane(offsets[solid])
     if plane is None:  # walls all around: what stood there stood on what lies below its middle
         plane = fit_ground_plane(offsets[solid & (offsets[:, 2] <= 0)])
-    if plane is None:
+    if plane is not None:
+        level = float(found.place[2] + plane[0] - plane[1:] @ found.place[:2])
+        in_world = (level, float(plane[1]), float(plane[2]))
+    elif found.plane is not None:
+        in_world = found.plane
+    else:
         return None
     shape = (round(2 * HALF_LENGTH / CELL), round(2 * HALF_WIDTH / CELL))
-    level = float(found.place[2] + plane[0] - plane[1:] @ found.place[:2])
-    grid = GroundGrid((0.0, 0.0), found.along, CELL, shape, (level, float(plane[1]), float(plane[2])))
+    grid = GroundGrid((0.0, 0.0), found.along, CELL, shape, in_world)
     x, y = (found.place[:2] - np.array([HALF_LENGTH, HALF_WIDTH]) @ grid.axes).tolist()
     return replace(grid, corner=(x, y))
 

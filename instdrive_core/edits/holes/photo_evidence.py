@@ -18,7 +18,8 @@ from instdrive_core.edits.holes.photo_sights import OWN_SHARE, PhotographedSplat
 from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_weights
-from instdrive_core.scene.camera import Camera, CameraView
+from instdrive_core.scene.camera import Camera, CameraView, PhotoLag
+from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import find_away
 
@@ -53,9 +54,12 @@ class Look:
     silhouette: Bool[ndarray, "h w"]
     """Pixels that show the thing, and a rim around them."""
     open: Bool[ndarray, "h w"]
-    """Pixels of the silhouette that too little covers once the thing and all that no photo reached is gone."""
+    """Pixels of the silhouette that too little covers once the thing and all that no photo reached is gone. What moves
+    leaves those out beside which the photo shows the sky at the same height."""
     nearest: float
     """Metres along the viewing axis to where the thing begins."""
+    place: Float64[ndarray, "3"]
+    """The middle of the thing at that time, metres in the world."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,8 @@ class PhotoEvidence:
     looks: tuple[Look, ...]
     """Those that show most first."""
     unseen: Int64[ndarray, " u"]
-    """Rows, rising, that would show where the thing stood, and that no photo reached."""
+    """Rows, rising, that would show where the thing stood, and that no photo reached. None of what moves is told: other
+    photos than these show what is around its way."""
     seen: Int64[ndarray, " s"]
     """Rows, rising, that would show there, and that photos reached past the thing."""
     explained: Int64[ndarray, " e"]
@@ -105,15 +110,13 @@ def gather_photo_evidence(
 ) -> PhotoEvidence | None:
     """Compare the photos' views with and without groups of rows, deleted or not, each of one thing.
 
-    `kept` are rows of the same things that stay: what shines through them was not seen past the thing. Things that
-    move hid nothing for long, so they are left out; None where nothing is left, or there are no photos. Whatever was
+    `kept` are rows of the same things that stay: what shines through them was not seen past the thing. Beside things
+    that stand still those that move are left out; None where nothing is left, or there are no photos. Whatever was
     moved by hand is where the photos saw it. Rows that are `leaving` count as deleted already. A `record` of the same
     things is used where it still holds: what it tells is the same, to the last bit.
     """
     scene = document.scene
-    still = [rows for rows in groups if len(rows) and np.count_nonzero(scene.nodes[rows]) < len(rows) / 2]
-    rows = np.unique(np.concatenate([np.zeros(0, np.int64), *still]))
-    rows = rows[scene.nodes[rows] == 0]
+    rows = _choose_rows(scene, groups)
     if not scene.views or not (sigmoid(scene.gaussians.opacity_logits[rows]) >= OWN_SHARE).any():
         return None
     left = np.unique(np.concatenate([np.zeros(0, np.int64), *kept]))
@@ -140,8 +143,11 @@ def gather_photo_evidence(
     unseen = uncovered & ~reached
     once = np.flatnonzero(unseen & (tally.reaching > 0))
     unseen[once[~_find_close(photographed, rows, once)]] = False
+    thing = _Thing(photographed, rows)
+    if thing.moves:  # these photos are few of those that show what is around its way
+        unseen[:] = explained[:] = False
     places = [place for place in range(record.look_count) if record.sights[place].silhouette.any()]
-    looks = [_open_look(record.sights[place], behind[place], unseen | explained) for place in places]
+    looks = [_open_look(thing, record.sights[place], behind[place], unseen | explained) for place in places]
     sizes = [int(look.silhouette.sum()) for look in looks]
     looks = tuple(looks[place] for place in np.argsort(sizes, kind="stable")[::-1].tolist())
     if not looks:
@@ -162,7 +168,7 @@ def _fingerprint_photos(document: Document, rows: Int64[ndarray, " k"], left: In
 def _make_record(photographed: PhotographedSplats, rows: Int64[ndarray, " k"], key: bytes) -> PhotoRecord:
     """Look at the photos that show most of the thing, and at those that show most of what these did not reach."""
     shapes, views = photographed.shapes, photographed.scene.views
-    chosen = _choose_views(views, shapes.means[rows[photographed.opacities[rows] >= OWN_SHARE]].astype(np.float64))
+    chosen = _choose_views(views, _Thing(photographed, rows))
     sights = [photographed.look(view, camera) for view, camera in _sort_by_time(chosen)]
     tally = _Tally(len(shapes))
     for sight in sights:
@@ -171,6 +177,36 @@ def _make_record(photographed: PhotographedSplats, rows: Int64[ndarray, " k"], k
     witnesses = _choose_witnesses(views, shapes.means[doubted].astype(np.float64), chosen)
     further = [photographed.look(view, camera) for view, camera in _sort_by_time(witnesses)]
     return PhotoRecord(key, (*sights, *further), len(sights))
+
+
+def _choose_rows(scene: Scene, groups: Sequence[Int64[ndarray, "_"]]) -> Int64[ndarray, " k"]:
+    """Splats of the things that stand still; where none does, those of the first thing that moves."""
+    filled = [rows for rows in groups if len(rows)]
+    still = [rows for rows in filled if np.count_nonzero(scene.nodes[rows]) < len(rows) / 2]
+    rows = np.unique(np.concatenate([np.zeros(0, np.int64), *(still or filled[:1])]))
+    return rows[scene.nodes[rows] == (0 if still or not len(rows) else np.bincount(scene.nodes[rows]).argmax())]
+
+
+class _Thing:
+    """The solid splats of a thing, where it is at any time."""
+
+    def __init__(self, photographed: PhotographedSplats, rows: Int64[ndarray, " k"]) -> None:
+        solid = rows[photographed.opacities[rows] >= OWN_SHARE]
+        self._scene, self._node = photographed.scene, int(photographed.scene.nodes[solid[0]])
+        self._points = photographed.shapes.means[solid].astype(np.float64)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a track."""
+        return self._node > 0
+
+    def find_points(self, time: float, lag: PhotoLag | None) -> Float64[ndarray, "k 3"]:
+        """World positions (metres) at a time in seconds; none where it is not there then."""
+        if not self._node:
+            return self._points
+        poses, present = self._scene.find_node_poses(time, lag)
+        pose = poses[self._node]
+        return self._points @ pose[:3, :3].T + pose[:3, 3] if present[self._node] else np.zeros((0, 3))
 
 
 def _find_close(
@@ -204,23 +240,36 @@ class _Tally:
         self.reaching[rows] += (beside >= REACHED_SHARE * (beside + uncovered[rows])) & (beside >= MIN_WEIGHT / 2)
 
 
-def _open_look(sight: PhotoSight, behind: BlendWeights, lost: Bool[ndarray, " n"]) -> Look:
+def _open_look(thing: _Thing, sight: PhotoSight, behind: BlendWeights, lost: Bool[ndarray, " n"]) -> Look:
     """The look with what is open in it once the `lost` splats are gone, too."""
     open_ = np.zeros_like(sight.silhouette)
     covers = apply_weights(behind, np.where(lost, np.float32(0), np.float32(1))[:, None])[:, 0]
     open_[sight.silhouette] = covers < MIN_COVER
-    return Look(sight.camera, sight.time, sight.silhouette, open_, sight.nearest)
+    if thing.moves:
+        open_ &= ~_find_beside_sky(sight)
+    place = np.median(thing.find_points(sight.time, sight.camera.lag), axis=0)
+    return Look(sight.camera, sight.time, sight.silhouette, open_, sight.nearest, place)
+
+
+def _find_beside_sky(sight: PhotoSight) -> Bool[ndarray, "h w"]:
+    """Find pixels of the silhouette beside which, left or right of it, the photo shows the sky at the same height."""
+    width = sight.silhouette.shape[1]
+    columns = np.broadcast_to(np.arange(width), sight.silhouette.shape)
+    left = np.maximum.accumulate(np.where(sight.silhouette, -1, columns), axis=1)
+    right = np.minimum.accumulate(np.where(sight.silhouette, width, columns)[:, ::-1], axis=1)[:, ::-1]
+    bordered = np.pad(sight.sky, ((0, 0), (1, 1)))
+    return np.take_along_axis(bordered, left + 1, 1) | np.take_along_axis(bordered, right + 1, 1)
 
 
 def _sort_by_time(views: Sequence[tuple[CameraView, Camera]]) -> list[tuple[CameraView, Camera]]:
     return sorted(views, key=lambda each: each[0].time)
 
 
-def _choose_views(views: Sequence[CameraView], points: Float64[ndarray, "k 3"]) -> list[tuple[CameraView, Camera]]:
-    """Views that show most of the points, and the cameras of the parts of them that do."""
+def _choose_views(views: Sequence[CameraView], thing: _Thing) -> list[tuple[CameraView, Camera]]:
+    """Views that show most of the thing, and the cameras of the parts of them that do."""
     found = []
     for view in views:
-        camera = _crop_camera(view.camera, points)
+        camera = _crop_camera(view.camera, thing.find_points(view.time, view.camera.lag))
         if camera is not None:
             found.append((camera[1], view, camera[0]))
     return choose_apart(found, MAX_LOOKS)

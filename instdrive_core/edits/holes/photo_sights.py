@@ -28,6 +28,8 @@ OWN_SHARE = 0.4
 """Share of a pixel's light from which it shows the thing."""
 RIM = 1
 """Pixels around a silhouette that may show it, too."""
+SKY_COVER = 0.5
+"""Share of a pixel's light that splats stop, at most, where it shows the sky."""
 NEAR_SHARE = 0.02
 """Share of the thing's splats that may lie nearer than where it begins."""
 _BESIDE, _INSIDE, _NEITHER = range(3)
@@ -53,6 +55,8 @@ class PhotoSight:
     """… and in pixels that show the thing."""
     behind: BlendWeights
     """What the pixels of the silhouette, row-major, would show without the thing."""
+    sky: Bool[ndarray, "h w"]
+    """Pixels that show more than half of the sky."""
 
 
 class PhotographedSplats:
@@ -73,6 +77,7 @@ class PhotographedSplats:
         self._parts: Float32[ndarray, "n 2"] = np.stack([self.own, self.own | _mark(len(scene), kept)], 1).astype(
             np.float32
         )
+        self._ones = np.ones((len(scene), 1), np.float32)
         self._placed: tuple[tuple[float, PhotoLag | None], tuple[ndarray, ndarray, ndarray]] | None = None
 
     def look(self, view: CameraView, camera: Camera) -> PhotoSight:
@@ -83,6 +88,7 @@ class PhotographedSplats:
         shares = apply_weights(full, self._parts).reshape(camera.height, camera.width, 2) >= OWN_SHARE
         shown, bodies = shares[..., 0], shares[..., 1]
         silhouette = np.asarray(ndimage.binary_dilation(shown, iterations=RIM), bool)
+        sky = apply_weights(full, self._ones)[:, 0].reshape(silhouette.shape) < SKY_COVER
         kinds = np.full(silhouette.shape, _NEITHER, np.uint8)
         kinds[~silhouette & ~bodies] = _BESIDE
         kinds[shown] = _INSIDE  # what lies on its rim shows nothing
@@ -93,7 +99,7 @@ class PhotographedSplats:
         behind = weigh_projected(without, camera, np.flatnonzero(silhouette), self.settings)
         return PhotoSight(
             camera, view.time, silhouette, self._find_nearest(view.time, camera), np.sort(projection.rows),
-            rows, sums[_BESIDE, rows], sums[_INSIDE, rows], behind,
+            rows, sums[_BESIDE, rows], sums[_INSIDE, rows], behind, sky,
         )  # fmt: skip
 
     def weigh_behind(self, sight: PhotoSight, standing: Bool[ndarray, " n"]) -> BlendWeights:

@@ -66,7 +66,7 @@ class Surroundings:
     """A deletion and its neighbourhood."""
 
     place: Float64[ndarray, "3"]
-    """The middle of what was deleted, metres in the world."""
+    """The middle of what was deleted, or of the ground behind it, metres in the world."""
     along: tuple[float, float]
     """Unit vector of the lane."""
     around: Neighborhood
@@ -75,6 +75,13 @@ class Surroundings:
     kept: tuple[Float64[ndarray, "k 3"], ...]
     """Solid splats that are left of each thing that was deleted in part and does not move, metres."""
     views: tuple[CameraView, ...]
+    plane: tuple[float, float, float] | None = None
+    """The ground's where too few splats tell: its height at the world's origin (metres), its slopes along x and y."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether all that was deleted moves."""
+        return all(each.track is not None for each in self.deleted)
 
 
 def find_surroundings(
@@ -83,16 +90,18 @@ def find_surroundings(
     time: float,
     kept: Sequence[Int64[ndarray, "_"]] = (),
     leaving: Int64[ndarray, "_"] | None = None,
+    place: Float64[ndarray, "3"] | None = None,
 ) -> Surroundings | None:
     """Surroundings of deleted rows, grouped by instance; None where no group is an object that stood on the ground.
 
     `time` (seconds) says where moving ones were, `kept` which rows of the same instances were left on purpose. Rows
-    that are `leaving` count as deleted already.
+    that are `leaving` count as deleted already. A `place` (metres) is looked at instead of that of what was deleted.
     """
     deleted = [found for found in (make_standing_object(document, *group) for group in groups) if found is not None]
     if not deleted:
         return None
-    place = np.mean([_find_middle(each, time) for each in deleted], axis=0)
+    if place is None:
+        place = np.mean([_find_middle(each, time) for each in deleted], axis=0)
     gone = [instance_id for instance_id, _ in groups]
     spared = [rows for _, rows in groups] + ([] if leaving is None else [leaving])
     near = find_neighborhood(document, place, np.concatenate(spared))

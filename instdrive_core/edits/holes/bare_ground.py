@@ -1,0 +1,70 @@
+"""Ground that no photo showed because a thing that moves, such as the car in front, hid it all the time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.edits.holes.free_space import MAX_DISTANCE
+from instdrive_core.edits.holes.ground_cells import keep_large_parts
+from instdrive_core.edits.holes.ground_in_photo import project_ground
+from instdrive_core.edits.holes.ground_map import build_ground_map
+from instdrive_core.edits.holes.holes import MIN_AREA, Hole, build_ground_grid, find_bare_cells
+from instdrive_core.edits.holes.photo_evidence import Look
+from instdrive_core.edits.holes.surroundings import Surroundings
+
+LONGEST = 16.0
+"""Metres along the lane of the ground of one map: less than it shows, so that enough is known around."""
+FEWEST = 6
+"""Pixels of all looks that must show bare ground on a map."""
+
+
+def find_bare_places(
+    looks: Sequence[Look], plane: tuple[float, float, float], along: tuple[float, float]
+) -> list[Float64[ndarray, "3"]]:
+    """Find the middles of the ground that looks would show bare, metres, one for each stretch of the lane.
+
+    Args:
+        plane: height of the ground at the world's origin (metres) and its slopes along x and y.
+        along: unit vector of the lane.
+    """
+    found = [_find_bare_points(look, plane) for look in looks]
+    points = np.concatenate([np.zeros((0, 3)), *found])
+    points = points[np.argsort(points[:, :2] @ np.array(along), kind="stable")]
+    places = []
+    while len(points):
+        ahead = points[:, :2] @ np.array(along)
+        count = int(np.searchsorted(ahead, ahead[0] + LONGEST, "right"))
+        if count >= FEWEST:
+            places.append((points[:count].min(axis=0) + points[:count].max(axis=0)) / 2)
+        points = points[count:]
+    return places
+
+
+def find_bare_hole(found: Surroundings, looks: Sequence[Look], earlier: Sequence[Hole]) -> Hole | None:
+    """The ground of a map that looks would show bare; None where there is none but what `earlier` holes have."""
+    grid = build_ground_grid(found)
+    if grid is None:
+        return None
+    ground = build_ground_map(grid, found.around)
+    bare = find_bare_cells(grid, ground, found.around, looks, None) & ~ground.obstructed
+    cells = np.argwhere(keep_large_parts(bare, grid.size, MIN_AREA))
+    for hole in earlier:
+        taken = {*map(tuple, np.concatenate([hole.cells, hole.shadow]).tolist())}
+        there = hole.grid.find_cells(grid.compute_centers(cells))
+        cells = cells[[tuple(cell) not in taken for cell in there.tolist()]]
+    return Hole(grid, cells, cells[:0]) if len(cells) else None
+
+
+def _find_bare_points(look: Look, plane: tuple[float, float, float]) -> Float64[ndarray, "k 3"]:
+    """Where the open pixels of a look meet the ground, beyond where the thing begins."""
+    camera, distances = look.camera, project_ground(look.camera, plane).distances
+    lines, columns = np.nonzero(look.open & (distances >= look.nearest) & (distances <= MAX_DISTANCE))
+    depths = distances[lines, columns]
+    x = (columns + 0.5 - camera.cx) / camera.fx * depths
+    y = (lines + 0.5 - camera.cy) / camera.fy * depths
+    pose = camera.world_from_camera
+    return np.stack([x, y, depths], axis=1) @ pose[:3, :3].T + pose[:3, 3]
