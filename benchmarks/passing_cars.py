@@ -36,7 +36,7 @@ from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.street import Street
-from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.queries.bake import bake_document

@@ -45,7 +45,7 @@ from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.sensors.render import RenderedPhoto, StepRenderer
 from instdrive_core.datasets.synthetic.units import StreetUnits
 from instdrive_core.datasets.synthetic.world.street import Street
-from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.frozen_copy import freeze_document

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from scene_and_folder import scene_and_folder
 
-from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.formats.registry import save_scene
@@ -21,7 +21,7 @@ for car in sorted(parked, key=lambda instance: instance.count, reverse=True)[:MO
     document.apply(DeleteInstances((car.id,)))
     report = report_deletion(document, (car.id,), time=0.0)
     print(f"{car.name}: {report.summary}")
-    for edit in (report.make_absorb_edit(), report.make_fill_edit()):
+    for edit in (report.make_absorb_edit(), *report.make_fill_edits()):
         if edit is not None:
             document.apply(edit)
     print(f"  then: {report_deletion(document, (car.id,), time=0.0).summary}")

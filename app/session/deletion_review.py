@@ -13,7 +13,8 @@ from instdrive_app.messages import read_error
 from instdrive_app.session.context import SessionContext
 from instdrive_core import progress
 from instdrive_core.edits.bases.append import AppendEdit
-from instdrive_core.edits.deletion_report import DeletionReport, report_deletion, report_row_deletion
+from instdrive_core.edits.deletions.deletion_report import DeletionReport, report_deletion, report_row_deletion
+from instdrive_core.edits.deletions.prepared_fill import PreparedFill, prepare_fills
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.frozen_copy import freeze_document
@@ -24,7 +25,6 @@ from instdrive_core.edits.kinds.fill_hole import FillHole
 from instdrive_core.edits.kinds.light.lay_shadow import LayShadow
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
-from instdrive_core.edits.prepared_fill import PreparedFill, prepare_fills
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count, phrase

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Set
 from dataclasses import dataclass
 
-from instdrive_core.edits.deletion_report import DeletionReport, report_deletion
+from instdrive_core.edits.deletions.deletion_report import DeletionReport, report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.delete import DeleteInstances

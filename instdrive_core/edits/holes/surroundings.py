@@ -100,8 +100,8 @@ def find_surroundings(
     deleted = [found for found in (make_standing_object(document, *group) for group in groups) if found is not None]
     if not deleted:
         return None
-    if place is None:
-        place = np.mean([_find_middle(each, time) for each in deleted], axis=0)
+    middle: Float64[ndarray, "3"] = np.mean([_find_middle(each, time) for each in deleted], axis=0)
+    place = middle if place is None else place
     gone = [instance_id for instance_id, _ in groups]
     spared = [rows for _, rows in groups] + ([] if leaving is None else [leaving])
     near = find_neighborhood(document, place, np.concatenate(spared))

@@ -11,7 +11,7 @@ from session_driver import finish
 from instdrive_app.actions import register_actions
 from instdrive_app.panels.overlays.hole_pattern import build_hole_pattern, project_shapes
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteRows

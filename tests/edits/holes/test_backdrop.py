@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from parked_street import CAR, WALL, parked_street
 
-from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.backdrop import continue_smoothly
 from instdrive_core.edits.holes.photo_evidence import gather_photo_evidence

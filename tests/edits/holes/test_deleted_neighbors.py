@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, ROAD, WALL, parked_street
 
-from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion
+from instdrive_core.edits.deletions.prepared_fill import prepare_fills
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.deleted_neighbors import find_deleted_neighbors, group_neighbors
 from instdrive_core.edits.holes.ground_cells import find_covered_cells
 from instdrive_core.edits.holes.holes import build_ground_grid, find_known_ground
 from instdrive_core.edits.holes.surroundings import find_surroundings
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.prepared_fill import prepare_fills
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.track import Track

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, parked_street
 
-from instdrive_core.edits.deletion_report import report_deletion, report_row_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion, report_row_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.kept_footprint import find_kept_footprint

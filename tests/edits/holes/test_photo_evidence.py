@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from parked_street import CAR, parked_street
 
-from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import fingerprint
 from instdrive_core.edits.holes.photo_evidence import CLOSE, gather_photo_evidence

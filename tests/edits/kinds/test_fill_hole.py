@@ -8,7 +8,7 @@ import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, KERB, parked_street
 from random_scene import assert_same_scene
 
-from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.document.frozen_copy import freeze_document

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, PAVEMENT, parked_street
 
-from instdrive_core.edits.deletion_report import report_deletion, report_row_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion, report_row_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.select_rows import SelectRows

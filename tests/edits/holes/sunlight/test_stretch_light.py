@@ -8,7 +8,7 @@ from parked_street import CAR
 from random_scene import assert_same_scene
 from sunny_street import CAR_HALF, CAR_PLACE, DIMMED, OTHER_PLACE, SUN, find_shaded, sunny_street
 
-from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.ground_map import GroundMap

@@ -8,7 +8,7 @@ import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, PAVEMENT, ROAD, WALL, parked_street
 from random_scene import random_scene
 
-from instdrive_core.edits.deletion_report import report_deletion, report_row_deletion
+from instdrive_core.edits.deletions.deletion_report import report_deletion, report_row_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.surroundings import find_surroundings
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected

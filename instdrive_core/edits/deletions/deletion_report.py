@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Int64
@@ -12,28 +11,21 @@ from numpy import ndarray
 
 from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, get_instance
+from instdrive_core.edits.deletions.group_review import DeletedPart, join_rows, review_group
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.holes.bare_ground import find_bare_hole, find_bare_places
-from instdrive_core.edits.holes.deleted_neighbors import find_deleted_neighbors, group_neighbors
-from instdrive_core.edits.holes.holes import Hole, build_ground_grid, find_hole
-from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
-from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings, find_surroundings
-from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
+from instdrive_core.edits.holes.deleted_neighbors import group_neighbors
+from instdrive_core.edits.holes.holes import Hole
+from instdrive_core.edits.holes.photo_evidence import PhotoRecord
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.fill_hole import FillHole, make_fill_hole
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
-from instdrive_core.progress import report, report_span
+from instdrive_core.progress import report_span
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import copy_at_home, find_away
 from instdrive_core.wording import format_count, phrase
 
-MAX_GAP_SHARE = 0.02
-"""Share of what a thing hid that may be open to the sky without a fill."""
-SCRAP_SHARE = 0.1
-"""An instance with at most this share of a deleted one's splats is no thing that stands behind it."""
 MOST_RECORDS = 4
 """Groups of deleted things of which the report keeps what the photos showed: each takes tens of megabytes."""
 PUT_ELSEWHERE = 1.0
@@ -41,22 +33,11 @@ PUT_ELSEWHERE = 1.0
 
 
 @dataclass(frozen=True)
-class DeletedPart:
-    """Rows of one instance that were deleted together."""
-
-    instance_id: int
-    name: str
-    rows: Int64[ndarray, " m"]
-    whole: bool
-    """Nothing of the instance is left."""
-
-
-@dataclass(frozen=True)
 class Clearing:
     """The hole that one or more things left which stood close together."""
 
     name: str
-    """Of what was deleted there: ``Car 17``."""
+    """The name of what was deleted there: ``Car 17``."""
     hole: Hole
     record: PhotoRecord | None = field(default=None, repr=False, compare=False)
     """What the photos showed of what was deleted, so that the fill need not look again; None where none did."""
@@ -195,67 +176,15 @@ def _build_report(document: Document, parts: Sequence[DeletedPart], time: float)
     residue, clearings = [np.zeros(0, np.int64)], list[Clearing]()
     for number, places in enumerate(groups):
         with report_span(number / len(groups), (number + 1) / len(groups)):
-            found, cleared = _review_group(document, [reviewed[place] for place in places], reviewed, time)
-        residue.append(found)
-        clearings += cleared if len(groups) <= MOST_RECORDS else [replace(each, record=None) for each in cleared]
-    left = np.setdiff1d(np.unique(np.concatenate(residue)), _join_rows(reviewed), assume_unique=True)
+            parts_here = [reviewed[place] for place in places]
+            found = review_group(document, parts_here, reviewed, time)
+        residue.append(found.residue)
+        record = found.record if len(groups) <= MOST_RECORDS else None
+        clearings += [Clearing(_name_parts(parts_here), hole, record) for hole in found.holes]
+    left = np.setdiff1d(np.unique(np.concatenate(residue)), join_rows(reviewed), assume_unique=True)
     carried, counts = np.unique(document.scene.instance_ids[left], return_counts=True)
     carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
     return DeletionReport(tuple(parts), left, carriers, tuple(clearings))
-
-
-def _review_group(
-    document: Document, parts: Sequence[DeletedPart], all_parts: Sequence[DeletedPart], time: float
-) -> tuple[Int64[ndarray, " r"], list[Clearing]]:
-    """Residue and holes of things that stood close together, beside `all_parts` that were deleted with them."""
-    remainders = [None if part.whole else divide_instance(document, part.instance_id, part.rows) for part in parts]
-    kept = [remainder.kept for remainder in remainders if remainder is not None]
-    others = [part for part in all_parts if not any(part is mine for mine in parts)]
-    leaving = _join_rows(others)
-    evidence = gather_photo_evidence(document, [part.rows for part in parts], kept, leaving=leaving)
-    found = []
-    for number, (part, remainder) in enumerate(zip(parts, remainders, strict=True)):
-        report(0.6 + 0.2 * number / len(parts))
-        found.append(_find_residue(document, part, remainder, evidence))
-    residue = np.setdiff1d(np.unique(np.concatenate(found)), leaving, assume_unique=True)
-    residue = np.setdiff1d(residue, _join_rows(parts), assume_unique=True)
-    report(0.8)
-    members = [(part.instance_id, part.rows) for part in parts]
-    around = find_surroundings(document, members, time, kept, leaving)
-    if around is None:
-        return residue, []
-    ids = tuple(part.instance_id for part in parts)
-    beside = find_deleted_neighbors(document, around.place, ids, {part.instance_id: part.rows for part in others})
-    hole = _find_hole(around, residue, None if around.moves else evidence, ids, beside)
-    holes = [] if hole is None or not (hole.area or hole.behind) else [hole]
-    if around.moves and evidence is not None:
-        holes += _find_bare_holes(document, around, evidence, holes, (members, time, kept, leaving))
-    record = None if evidence is None else evidence.record
-    return residue, [Clearing(_name_parts(parts), hole, record) for hole in holes]
-
-
-def _find_bare_holes(
-    document: Document,
-    around: Surroundings,
-    evidence: PhotoEvidence,
-    earlier: Sequence[Hole],
-    asked: tuple[Any, ...],
-) -> list[Hole]:
-    """Find the ground that something which moves hid all the time; `asked` is what `around` are the surroundings of."""
-    grid, holes = build_ground_grid(around), list[Hole]()
-    places = [] if grid is None else find_bare_places(evidence.looks, grid.plane, around.along)
-    for place in places:
-        found = find_surroundings(document, *asked, place)
-        assert found is not None
-        assert grid is not None
-        hole = find_bare_hole(replace(found, plane=grid.plane), evidence.looks, [*earlier, *holes])
-        if hole is not None:  # the first fill closes what stands behind
-            holes.append(hole if holes else replace(hole, behind=tuple(each.body.instance for each in around.deleted)))
-    return holes
-
-
-def _join_rows(parts: Sequence[DeletedPart]) -> Int64[ndarray, " n"]:
-    return np.unique(np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)]))
 
 
 def _stands_where_it_was(document: Document, rows: Int64[ndarray, " m"]) -> bool:
@@ -266,37 +195,3 @@ def _stands_where_it_was(document: Document, rows: Int64[ndarray, " m"]) -> bool
     home = copy_at_home(document.scene.gaussians, document.transforms, away).means
     far = np.linalg.norm(document.compute_means(away) - home, axis=1) > PUT_ELSEWHERE
     return bool(2 * np.count_nonzero(far) <= len(rows))
-
-
-def _find_hole(
-    around: Surroundings,
-    residue: Int64[ndarray, " r"],
-    evidence: PhotoEvidence | None,
-    ids: tuple[int, ...],
-    beside: Sequence[StandingObject],
-) -> Hole | None:
-    if evidence is None:
-        return find_hole(around, residue, beside=beside)
-    behind = ids if evidence.gap_share > MAX_GAP_SHARE else ()
-    return find_hole(around, np.union1d(residue, evidence.lost), evidence.looks, behind, beside)
-
-
-def _find_residue(
-    document: Document, part: DeletedPart, remainder: Remainder | None, evidence: PhotoEvidence | None
-) -> Int64[ndarray, " k"]:
-    """Strays of what was deleted; of an instance that is not gone as a whole, not those of the `remainder`.
-
-    Photos have the last word: what they show past the thing stays, what they show only in its silhouette goes.
-    """
-    kept = None if remainder is None else remainder.kept
-    strays = find_floaters_around(document, part.instance_id, part.rows, kept)
-    if evidence is not None:
-        shown = find_rows_close_to(document, part.instance_id, part.rows, evidence.explained)
-        ids = document.scene.instance_ids[strays]
-        sizes = np.array([len(document.find_rows((number,))) for number in np.unique(ids).tolist()], np.int64)
-        scraps = np.isin(ids, np.unique(ids)[sizes <= SCRAP_SHARE * len(part.rows)])
-        strays = np.union1d(strays[scraps | ~np.isin(strays, evidence.seen)], shown)
-    if remainder is None:
-        return strays
-    strays = np.setdiff1d(strays, remainder.kept, assume_unique=True)
-    return strays[np.isin(strays, remainder.missed) | is_near_deleted(document, strays, remainder)]

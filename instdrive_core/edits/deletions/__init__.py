@@ -1,0 +1,1 @@
+"""What deletions leave: residue and holes, and the fill of several holes as one step."""

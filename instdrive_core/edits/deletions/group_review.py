@@ -1,0 +1,138 @@
+"""What things that stood close together left when they were deleted: residue, and holes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from numpy import ndarray
+
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.holes.bare_ground import find_bare_hole, find_bare_places
+from instdrive_core.edits.holes.deleted_neighbors import find_deleted_neighbors
+from instdrive_core.edits.holes.holes import Hole, build_ground_grid, find_hole
+from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
+from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings, find_surroundings
+from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
+from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
+from instdrive_core.progress import report
+
+MAX_GAP_SHARE = 0.02
+"""Share of what a thing hid that may be open to the sky without a fill."""
+SCRAP_SHARE = 0.1
+"""An instance with at most this share of a deleted one's splats is no thing that stands behind it."""
+
+
+@dataclass(frozen=True)
+class DeletedPart:
+    """Rows of one instance that were deleted together."""
+
+    instance_id: int
+    name: str
+    rows: Int64[ndarray, " m"]
+    whole: bool
+    """Nothing of the instance is left."""
+
+
+@dataclass(frozen=True)
+class GroupReview:
+    """What one group of deleted things left."""
+
+    residue: Int64[ndarray, " r"]
+    """Rows, rising."""
+    holes: tuple[Hole, ...]
+    record: PhotoRecord | None
+    """What the photos showed of the group; None where none did."""
+
+
+def review_group(
+    document: Document, parts: Sequence[DeletedPart], all_parts: Sequence[DeletedPart], time: float
+) -> GroupReview:
+    """Find residue and holes of things that stood close together, beside `all_parts` that were deleted with them."""
+    remainders = [None if part.whole else divide_instance(document, part.instance_id, part.rows) for part in parts]
+    kept = [remainder.kept for remainder in remainders if remainder is not None]
+    others = [part for part in all_parts if not any(part is mine for mine in parts)]
+    leaving = join_rows(others)
+    evidence = gather_photo_evidence(document, [part.rows for part in parts], kept, leaving=leaving)
+    found = []
+    for number, (part, remainder) in enumerate(zip(parts, remainders, strict=True)):
+        report(0.6 + 0.2 * number / len(parts))
+        found.append(_find_residue(document, part, remainder, evidence))
+    residue = np.setdiff1d(np.unique(np.concatenate(found)), leaving, assume_unique=True)
+    residue = np.setdiff1d(residue, join_rows(parts), assume_unique=True)
+    report(0.8)
+    members = [(part.instance_id, part.rows) for part in parts]
+
+    def look_around(place: Float64[ndarray, "3"] | None) -> Surroundings | None:
+        return find_surroundings(document, members, time, kept, leaving, place)
+
+    around, record = look_around(None), None if evidence is None else evidence.record
+    if around is None:
+        return GroupReview(residue, (), record)
+    ids = tuple(part.instance_id for part in parts)
+    beside = find_deleted_neighbors(document, around.place, ids, {part.instance_id: part.rows for part in others})
+    hole = _find_hole(around, residue, None if around.moves else evidence, ids, beside)
+    holes = [] if hole is None or not (hole.area or hole.behind) else [hole]
+    if around.moves and evidence is not None:
+        holes += _find_bare_holes(around, evidence, holes, look_around)
+    return GroupReview(residue, tuple(holes), record)
+
+
+def _find_bare_holes(
+    around: Surroundings,
+    evidence: PhotoEvidence,
+    earlier: Sequence[Hole],
+    look_around: Callable[[Float64[ndarray, "3"]], Surroundings | None],
+) -> list[Hole]:
+    """Find the ground that something which moves hid all the time, but for what `earlier` holes have."""
+    grid, holes = build_ground_grid(around), list[Hole]()
+    if grid is None:
+        return []
+    for place in find_bare_places(evidence.looks, grid.plane, around.along):
+        found = look_around(place)
+        assert found is not None
+        hole = find_bare_hole(replace(found, plane=grid.plane), evidence.looks, [*earlier, *holes])
+        if hole is not None:  # the first fill closes what stands behind
+            holes.append(hole if holes else replace(hole, behind=tuple(each.body.instance for each in around.deleted)))
+    return holes
+
+
+def join_rows(parts: Sequence[DeletedPart]) -> Int64[ndarray, " n"]:
+    """Join the rows of all parts, rising."""
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)]))
+
+
+def _find_hole(
+    around: Surroundings,
+    residue: Int64[ndarray, " r"],
+    evidence: PhotoEvidence | None,
+    ids: tuple[int, ...],
+    beside: Sequence[StandingObject],
+) -> Hole | None:
+    if evidence is None:
+        return find_hole(around, residue, beside=beside)
+    behind = ids if evidence.gap_share > MAX_GAP_SHARE else ()
+    return find_hole(around, np.union1d(residue, evidence.lost), evidence.looks, behind, beside)
+
+
+def _find_residue(
+    document: Document, part: DeletedPart, remainder: Remainder | None, evidence: PhotoEvidence | None
+) -> Int64[ndarray, " k"]:
+    """Strays of what was deleted; of an instance that is not gone as a whole, not those of the `remainder`.
+
+    Photos have the last word: what they show past the thing stays, what they show only in its silhouette goes.
+    """
+    kept = None if remainder is None else remainder.kept
+    strays = find_floaters_around(document, part.instance_id, part.rows, kept)
+    if evidence is not None:
+        shown = find_rows_close_to(document, part.instance_id, part.rows, evidence.explained)
+        ids = document.scene.instance_ids[strays]
+        sizes = np.array([len(document.find_rows((number,))) for number in np.unique(ids).tolist()], np.int64)
+        scraps = np.isin(ids, np.unique(ids)[sizes <= SCRAP_SHARE * len(part.rows)])
+        strays = np.union1d(strays[scraps | ~np.isin(strays, evidence.seen)], shown)
+    if remainder is None:
+        return strays
+    strays = np.setdiff1d(strays, remainder.kept, assume_unique=True)
+    return strays[np.isin(strays, remainder.missed) | is_near_deleted(document, strays, remainder)]
