@@ -18,7 +18,7 @@ ROOMS = (
     *("app/actions", "app/panels", "app/session", "app/tools", "app/preferences"),
     *("app/action.py", "app/jobs.py", "app/state.py", "app/messages.py", "app/shell/window.py", "app/language"),
     *("instdrive_core/edits/kinds", "instdrive_core/edits/bases", "instdrive_core/edits/queries"),
-    *("instdrive_core/edits/document/edit.py", "instdrive_core/edits/deletion_report.py"),
+    *("instdrive_core/edits/document/edit.py", "instdrive_core/edits/deletions"),
     "instdrive_core/finding/relabeling.py",
 )
 """Folders and files whose texts the window shows."""

@@ -55,7 +55,8 @@ def _describe_activity(ui: Ui) -> tuple[str, ImVec4]:
     session, document = ui.session, ui.session.document
     job = session.jobs.current
     if job is not None:
-        return f"{get_icon('ICON_FA_SPINNER')}  {name_work(job)}", rgba(ACCENT)
+        share = "" if job.share is None or job.stop.is_set() else f"  {job.share:.0%}"
+        return f"{get_icon('ICON_FA_SPINNER')}  {name_work(job)}{share}", rgba(ACCENT)
     if document is None:
         return translate("Ready"), rgba(DIM)
     name = session.files.path.name if session.files.path else translate("scene")

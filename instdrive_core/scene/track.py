@@ -53,10 +53,10 @@ class Track:
             return self.interpolate_poses(np.array([time], np.float64))[0]
         shown = self.find_shown_time(time, lag)
         pose = self.interpolate_poses(np.array([shown], np.float64))[0]
-        pose[:3, 3] += self._go_on(shown)
+        pose[:3, 3] += self.go_on(shown)
         return pose
 
-    def _go_on(self, time: float) -> Float64[ndarray, "3"]:
+    def go_on(self, time: float) -> Float64[ndarray, "3"]:
         """Metres from the first or last pose to where the object is at `time` before or after it."""
         early, late = min(time - self.times[0], 0.0), max(time - self.times[-1], 0.0)
         if not early + late or len(self.times) < 2:
@@ -75,16 +75,19 @@ class Track:
 
 def interpolate_tracks(tracks: Sequence[Track], time: float, lag: PhotoLag | None = None) -> Float64[ndarray, "m 4 4"]:
     """Interpolate world_from_box of many tracks at one time (seconds), for each as its `interpolate_pose` does."""
-    if lag is not None and tracks:
-        return np.stack([track.interpolate_pose(time, lag) for track in tracks])
-    ends, shares = np.empty((2, len(tracks), 4, 4)), np.zeros(len(tracks))
+    ends, shares, beyond = np.empty((2, len(tracks), 4, 4)), np.zeros(len(tracks)), np.zeros((len(tracks), 3))
     for place, track in enumerate(tracks):
-        upper, last = int(np.searchsorted(track.times, time)), len(track.times) - 1
+        shown = track.find_shown_time(time, lag)
+        upper, last = int(np.searchsorted(track.times, shown)), len(track.times) - 1
         lower, upper = max(upper - 1, 0), min(upper, last)
         ends[:, place] = track.world_from_box[lower], track.world_from_box[upper]
         if track.times[upper] > track.times[lower]:
-            shares[place] = (time - track.times[lower]) / (track.times[upper] - track.times[lower])
-    return _blend_poses(ends[0], ends[1], shares)
+            shares[place] = (shown - track.times[lower]) / (track.times[upper] - track.times[lower])
+        if lag is not None:
+            beyond[place] = track.go_on(shown)
+    poses = _blend_poses(ends[0], ends[1], shares)
+    poses[:, :3, 3] += beyond
+    return poses
 
 
 def find_node_poses(
