@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
-from scipy import ndimage
 from scipy.spatial import KDTree
 
 from instdrive_core.edits.document.document import Document
@@ -27,10 +26,6 @@ from instdrive_core.scene.transforms import find_away
 
 MAX_LOOKS, MAX_WITNESSES = 10, 8
 """Photos that are asked: those that show most of the thing, and those that show most of what these did not reach."""
-MAX_PASSERS = 6
-"""Photos that are asked last, of what is clear of the thing: those in which it hides least of what is in doubt then."""
-COARSE_PIXEL = 6
-"""Pixels per side of what tells roughly what the thing hides in a photo."""
 MIN_PIXELS = 60
 """Pixels of a photo, at full size, that the thing must span to be looked at."""
 AROUND = 2.5
@@ -75,11 +70,9 @@ class PhotoRecord:
     key: bytes
     """Digest of the splats, the photos and the thing."""
     sights: tuple[PhotoSight, ...]
-    """Those that show most of the thing, those that show most of what these did not reach, and those past it."""
+    """Those that show most of the thing, then those that show most of what these did not reach."""
     look_count: int
-    """How many are of the first kind …"""
-    passer_count: int
-    """… and of the last."""
+    """How many are of the first kind."""
 
 
 @dataclass(frozen=True)
@@ -137,10 +130,9 @@ def gather_photo_evidence(
         standing[leaving] = False
     standing[rows] = True
     behind = [photographed.weigh_behind(sight, standing) for sight in record.sights]
-    tally, past = _Tally(len(scene)), _Tally(len(scene))
-    last = len(record.sights) - record.passer_count
-    for number, (sight, weights) in enumerate(zip(record.sights, behind, strict=True)):
-        (tally if number < last else past).add(sight, weights)
+    tally = _Tally(len(scene))
+    for sight, weights in zip(record.sights, behind, strict=True):
+        tally.add(sight, weights)
     movable = standing & (scene.nodes == 0) & ~photographed.own & ((document.state.flags & Flag.LOCKED) == 0)
     movable &= ~find_away(document.transforms, np.arange(len(scene)))
     if SYNTHETIC in scene.extra:
@@ -150,11 +142,8 @@ def gather_photo_evidence(
     inside = tally.explained >= EXPLAINED_SHARE * (tally.explained + tally.beside)
     explained = movable & ~reached & inside & (tally.explained >= MIN_WEIGHT)
     unseen = uncovered & ~reached
-    once = np.flatnonzero((unseen & (tally.reaching > 0)) | ((unseen | explained) & (past.reaching > 0)))
-    clear = once[~_find_close(photographed, rows, once)]
-    unseen[clear] = False
-    explained[clear[past.reaching[clear] > 0]] = False
-    reached |= past.reaching > 0
+    once = np.flatnonzero(unseen & (tally.reaching > 0))
+    unseen[once[~_find_close(photographed, rows, once)]] = False
     thing = _Thing(photographed, rows)
     if thing.moves:  # these photos are few of those that show what is around its way
         unseen[:] = explained[:] = False
@@ -180,8 +169,7 @@ def _fingerprint_photos(document: Document, rows: Int64[ndarray, " k"], left: In
 def _make_record(photographed: PhotographedSplats, rows: Int64[ndarray, " k"], key: bytes) -> PhotoRecord:
     """Look at the photos that show most of the thing, and at those that show most of what these did not reach."""
     shapes, views = photographed.shapes, photographed.scene.views
-    thing = _Thing(photographed, rows)
-    chosen = _choose_views(views, thing)
+    chosen = _choose_views(views, _Thing(photographed, rows))
     sights = [photographed.look(view, camera) for view, camera in _sort_by_time(chosen)]
     tally = _Tally(len(shapes))
     for sight in sights:
@@ -189,13 +177,7 @@ def _make_record(photographed: PhotographedSplats, rows: Int64[ndarray, " k"], k
     doubted = (tally.uncovered >= MIN_WEIGHT) & (tally.reaching < MIN_REACHING) & (photographed.scene.nodes == 0)
     witnesses = _choose_witnesses(views, shapes.means[doubted].astype(np.float64), chosen)
     further = [photographed.look(view, camera) for view, camera in _sort_by_time(witnesses)]
-    for sight in further:
-        tally.add(sight, sight.behind)
-    left = np.flatnonzero(doubted & (tally.reaching < MIN_REACHING))
-    left = left[~_find_close(photographed, rows, left)]
-    passers = _choose_passers(views, shapes.means[left].astype(np.float64), thing, [*chosen, *witnesses])
-    past = [photographed.look(view, camera) for view, camera in _sort_by_time(passers)]
-    return PhotoRecord(key, (*sights, *further, *past), len(sights), len(past))
+    return PhotoRecord(key, (*sights, *further), len(sights))
 
 
 def _choose_rows(scene: Scene, groups: Sequence[Int64[ndarray, "_"]]) -> Int64[ndarray, " k"]:
@@ -305,38 +287,6 @@ def _choose_witnesses(
         if framed.sum() > max(0.05 * len(points), 3) and not any(view is other for other in taken):
             found.append((int(framed.sum()), view, cut_camera(view.camera, pixels[framed], MAX_PIXELS)))
     return choose_apart(found, MAX_WITNESSES, taken)
-
-
-def _choose_passers(
-    views: Sequence[CameraView],
-    points: Float64[ndarray, "k 3"],
-    thing: _Thing,
-    taken: Sequence[tuple[CameraView, Camera]],
-) -> list[tuple[CameraView, Camera]]:
-    """Further views in which the thing hides fewest of these points."""
-    found = []
-    for view in views if len(points) else ():
-        pixels, depths = view.camera.project(points)
-        framed = view.camera.contains(pixels, depths, NEAREST)
-        solid = thing.find_points(view.time, view.camera.lag)
-        free = np.flatnonzero(framed)[~_find_behind(view.camera, solid, pixels[framed], depths[framed])]
-        if len(free) and not any(view is other for other, _ in taken):
-            found.append((len(free), view, cut_camera(view.camera, pixels[free], MAX_PIXELS)))
-    return choose_apart(found, MAX_PASSERS, [view for view, _ in taken])
-
-
-def _find_behind(
-    camera: Camera, solid: Float64[ndarray, "k 3"], pixels: Float64[ndarray, "n 2"], depths: Float64[ndarray, " n"]
-) -> Bool[ndarray, " n"]:
-    """Whether `pixels` of a photo, at these `depths` (metres), lie behind solid points, which are some pixels apart."""
-    shown, away = camera.project(solid)
-    framed = camera.contains(shown, away, NEAREST)
-    nearest = np.full((camera.height // COARSE_PIXEL + 1, camera.width // COARSE_PIXEL + 1), np.inf)
-    cells = (shown[framed] // COARSE_PIXEL).astype(np.int64)
-    np.minimum.at(nearest, (cells[:, 1], cells[:, 0]), away[framed])
-    nearest = np.asarray(ndimage.minimum_filter(nearest, 3))
-    at = (pixels // COARSE_PIXEL).astype(np.int64)
-    return np.asarray(depths > nearest[at[:, 1], at[:, 0]])
 
 
 def _crop_camera(camera: Camera, points: Float64[ndarray, "k 3"]) -> tuple[Camera, float] | None:

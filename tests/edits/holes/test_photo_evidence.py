@@ -5,21 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from parked_street import CAR, PAVEMENT, parked_street
+from parked_street import CAR, parked_street
 
 from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import fingerprint
-from instdrive_core.edits.holes import photo_evidence
 from instdrive_core.edits.holes.photo_evidence import CLOSE, gather_photo_evidence
 from instdrive_core.edits.holes.photo_sights import PhotographedSplats
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.scene.camera import Camera, CameraView, look_at
-from instdrive_core.scene.gaussians import concatenate_gaussians
-
-POLE, POLE_SPLATS = np.array([4.6, 0.0]), 60
-"""Where a pole stands behind the car, on the pavement."""
 
 
 @pytest.fixture(scope="module")
@@ -107,35 +101,3 @@ def test_what_one_photo_reached_stays_unless_it_lies_close_to_the_thing(street):
 def gather_one(scene, view):
     document = Document(replace(scene, views=(view,)))
     return gather_photo_evidence(document, [document.find_rows((CAR,))])
-
-
-def test_what_a_photo_shows_past_the_thing_stays(street, monkeypatch):
-    """The photos beside the car have it before the pole; one from behind, without the car, shows the pole."""
-    scene = with_pole(street.scene)
-    pole = np.flatnonzero(scene.instance_ids == PAVEMENT)[-POLE_SPLATS:]
-    eye = np.array([4.6, -6.0, 0.9])
-    camera = Camera(300.0, 300.0, 60.0, 120.0, 120, 240, look_at(eye, np.array([*POLE, 0.6])))
-    beside = [view for view in scene.views if view.name == "right_camera" and 4 <= view.index <= 7]
-    document = Document(replace(scene, views=(*beside, CameraView(camera, "other_camera", 0, 0.5))))
-    rows = [document.find_rows((CAR,))]
-    monkeypatch.setattr(photo_evidence, "MAX_WITNESSES", 0)
-    now = gather_photo_evidence(document, rows)
-    monkeypatch.setattr(photo_evidence, "MAX_PASSERS", 0)
-    before = gather_photo_evidence(document, rows)
-    assert np.isin(pole, before.unseen).mean() > 0.3, "the photos asked so far show it nowhere"
-    assert not np.isin(pole, now.unseen).any()
-
-
-def with_pole(scene):
-    """Add a thin pole to the pavement, up to below the car's roof."""
-    heights = np.linspace(0.2, 1.2, POLE_SPLATS)
-    added = scene.gaussians.select(np.full(POLE_SPLATS, np.flatnonzero(scene.instance_ids == PAVEMENT)[0]))
-    added.means[:] = np.c_[np.tile(POLE, (POLE_SPLATS, 1)), heights]
-    added.log_scales[:] = np.log(0.04)
-    return replace(
-        scene,
-        gaussians=concatenate_gaussians([scene.gaussians, added]),
-        instance_ids=np.concatenate([scene.instance_ids, np.full(POLE_SPLATS, PAVEMENT, np.uint32)]),
-        codewords=np.concatenate([scene.codewords, np.zeros(POLE_SPLATS, np.uint32)]),
-        nodes=np.concatenate([scene.nodes, np.zeros(POLE_SPLATS, np.uint16)]),
-    )
