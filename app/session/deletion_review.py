@@ -134,7 +134,9 @@ class DeletionReview:
 
     def review_rows(self, rows: Int64[ndarray, " m"]) -> None:
         """Review the last step of the history, which deleted the splats of these rows."""
-        time = self._context.state.time
+        document, time = self._context.document, self._context.state.time
+        if document is not None and len(np.unique(document.scene.instance_ids[rows])) > MOST_INSTANCES:
+            return
         self._look(lambda frozen: report_row_deletion(frozen, rows, time), time)
 
     def tick(self, seconds: float, is_dragging: bool) -> None:
@@ -262,7 +264,7 @@ class DeletionReview:
 
         modal = tries >= MOST_VAIN_FILLS
         self._jobs.submit(
-            "Filling the hole" if len(edits) == 1 else "Filling the holes",
+            "Filling the hole" if len(found.holes) == 1 else "Filling the holes",
             lambda: prepare_fills(frozen, edits),
             finish,
             modal=modal,
@@ -270,13 +272,11 @@ class DeletionReview:
         )
 
     def _tell_filled(self, fill: PreparedFill) -> None:
-        area = sum(each.area for each in fill.fills)
-        if len(fill.fills) == 1:
-            text = phrase("Filled a hole of {area:.1f} m² with synthetic ground", area=area)
+        count, area = fill.hole_count, fill.area
+        if count > 1:
+            text = phrase("Filled {count} holes of {area:.1f} m² with synthetic ground", count=count, area=area)
         else:
-            text = phrase(
-                "Filled {count} holes of {area:.1f} m² with synthetic ground", count=len(fill.fills), area=area
-            )
+            text = phrase("Filled a hole of {area:.1f} m² with synthetic ground", area=area)
         self._messages.info(text)
         if fill.refused:
             self._messages.error(

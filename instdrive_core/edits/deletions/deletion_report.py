@@ -42,11 +42,6 @@ class Clearing:
     record: PhotoRecord | None = field(default=None, repr=False, compare=False)
     """What the photos showed of what was deleted, so that the fill need not look again; None where none did."""
 
-    @property
-    def fill_area(self) -> float:
-        """Square metres that filling the hole replaces: the hole and the shadow of what was deleted."""
-        return self.hole.area + self.hole.shadow_area if self.hole.area else 0.0
-
 
 @dataclass(frozen=True)
 class DeletionReport:

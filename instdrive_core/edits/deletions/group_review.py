@@ -71,12 +71,15 @@ def review_group(
     around, record = look_around(None), None if evidence is None else evidence.record
     if around is None:
         return GroupReview(residue, (), record)
-    ids = tuple(part.instance_id for part in parts)
-    beside = find_deleted_neighbors(document, around.place, ids, {part.instance_id: part.rows for part in others})
-    hole = _find_hole(around, residue, None if around.moves else evidence, ids, beside)
+    ids, gone = tuple(part.instance_id for part in parts), {part.instance_id: part.rows for part in others}
+
+    def find_beside(place: Float64[ndarray, "3"]) -> tuple[StandingObject, ...]:
+        return find_deleted_neighbors(document, place, ids, gone)
+
+    hole = _find_hole(around, residue, None if around.moves else evidence, ids, find_beside(around.place))
     holes = [] if hole is None or not (hole.area or hole.behind) else [hole]
     if around.moves and evidence is not None:
-        holes += _find_bare_holes(around, evidence, holes, look_around)
+        holes += _find_bare_holes(around, evidence, holes, look_around, find_beside)
     return GroupReview(residue, tuple(holes), record)
 
 
@@ -85,6 +88,7 @@ def _find_bare_holes(
     evidence: PhotoEvidence,
     earlier: Sequence[Hole],
     look_around: Callable[[Float64[ndarray, "3"]], Surroundings | None],
+    find_beside: Callable[[Float64[ndarray, "3"]], tuple[StandingObject, ...]],
 ) -> list[Hole]:
     """Find the ground that something which moves hid all the time, but for what `earlier` holes have."""
     grid, holes = build_ground_grid(around), list[Hole]()
@@ -93,7 +97,8 @@ def _find_bare_holes(
     for place in find_bare_places(evidence.looks, grid.plane, around.along):
         found = look_around(place)
         assert found is not None
-        hole = find_bare_hole(replace(found, plane=grid.plane), evidence.looks, [*earlier, *holes])
+        found = replace(found, plane=grid.plane)
+        hole = find_bare_hole(found, evidence.looks, [*earlier, *holes], find_beside(place))
         if hole is not None:  # the first fill closes what stands behind
             holes.append(hole if holes else replace(hole, behind=tuple(each.body.instance for each in around.deleted)))
     return holes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
@@ -23,6 +23,16 @@ class PreparedFill:
     fills: tuple[FillHole, ...]
     refused: tuple[EditError, ...]
     """Why others cannot be done."""
+
+    @property
+    def hole_count(self) -> int:
+        """How many holes in the ground are filled; other fills close only what stands behind."""
+        return sum(bool(fill.cells) for fill in self.fills)
+
+    @property
+    def area(self) -> float:
+        """Square metres of ground."""
+        return sum(fill.area for fill in self.fills)
 
     def is_prepared_for(self, document: Document) -> bool:
         """Whether it is known what to copy in a document with this content."""
@@ -46,6 +56,10 @@ def prepare_fills(frozen: Document, fills: Sequence[FillHole]) -> PreparedFill:
                 refused.append(error)
     if not done:
         raise refused[0]
-    area = sum(each.area for each in done)
-    name = phrase("Fill {count} holes of {area:.1f} m²", count=len(done), area=area)
-    return PreparedFill(done[0] if len(done) == 1 else CompoundEdit(tuple(done), name), tuple(done), tuple(refused))
+    prepared = PreparedFill(done[0], tuple(done), tuple(refused))
+    if len(done) == 1:
+        return prepared
+    name = max(done, key=lambda fill: fill.area).title
+    if prepared.hole_count > 1:
+        name = phrase("Fill {count} holes of {area:.1f} m²", count=prepared.hole_count, area=prepared.area)
+    return replace(prepared, edit=CompoundEdit(prepared.fills, name))

@@ -9,12 +9,12 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.edits.holes.free_space import MAX_DISTANCE
-from instdrive_core.edits.holes.ground_cells import keep_large_parts
+from instdrive_core.edits.holes.ground_cells import find_covered_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_in_photo import project_ground
 from instdrive_core.edits.holes.ground_map import build_ground_map
 from instdrive_core.edits.holes.holes import MIN_AREA, Hole, build_ground_grid, find_bare_cells
 from instdrive_core.edits.holes.photo_evidence import Look
-from instdrive_core.edits.holes.surroundings import Surroundings
+from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings
 
 LONGEST = 16.0
 """Metres along the lane of the ground of one map: less than it shows, so that enough is known around."""
@@ -44,19 +44,26 @@ def find_bare_places(
     return places
 
 
-def find_bare_hole(found: Surroundings, looks: Sequence[Look], earlier: Sequence[Hole]) -> Hole | None:
-    """The ground of a map that looks would show bare; None where there is none but what `earlier` holes have."""
+def find_bare_hole(
+    found: Surroundings, looks: Sequence[Look], earlier: Sequence[Hole], beside: Sequence[StandingObject]
+) -> Hole | None:
+    """The ground of a map that looks would show bare; None where there is none.
+
+    What `earlier` holes have, and what lies below things that were deleted `beside` it, does not count.
+    """
     grid = build_ground_grid(found)
     if grid is None:
         return None
     ground = build_ground_map(grid, found.around)
     bare = find_bare_cells(grid, ground, found.around, looks, None) & ~ground.obstructed
+    bare &= ~find_covered_cells(beside, grid)
     cells = np.argwhere(keep_large_parts(bare, grid.size, MIN_AREA))
     for hole in earlier:
         taken = {*map(tuple, np.concatenate([hole.cells, hole.shadow]).tolist())}
         there = hole.grid.find_cells(grid.compute_centers(cells))
         cells = cells[[tuple(cell) not in taken for cell in there.tolist()]]
-    return Hole(grid, cells, cells[:0]) if len(cells) else None
+    instances = tuple(sorted(each.body.instance for each in beside))
+    return Hole(grid, cells, cells[:0], beside=instances) if len(cells) else None
 
 
 def _find_bare_points(look: Look, plane: tuple[float, float, float]) -> Float64[ndarray, "k 3"]:
