@@ -38,7 +38,9 @@ types: $(VENV)/.ready-dev
 	@mkdir -p $(VENV)/paths && ln -sfn ../../app $(VENV)/paths/instdrive_app
 	$(BIN)/pyright
 
+# Kernels are compiled once; else every process that starts with the suite compiles them for itself.
 suite: $(VENV)/.ready-dev
+	@$(BIN)/python -m instdrive_core.training.warm_up & $(BIN)/python -m instdrive_app.render.software.warm_up; wait
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 docs: $(VENV)/.ready-docs

@@ -40,3 +40,7 @@ def warm_up_software() -> None:
     detailed(FrameRequest(state, draft))
     detailed.wait_for_detail()
     detailed(FrameRequest(state, replace(draft, show_sky=False)))
+
+
+if __name__ == "__main__":
+    warm_up_software()
