@@ -385,7 +385,7 @@ def _list_added(edit: Edit) -> tuple[int, ...]:
 
 
 def _is_filled(document: Document, found: DeletionFindings) -> bool:
-    """Whether a later edit of a reopened document has filled this hole, and nothing else is left."""
+    """Whether later edits of a reopened document have filled the holes, and nothing else is left."""
     done = document.history.done
     after = done[next((number for number, edit in enumerate(done) if edit is found.deletion), 0) :]
     filled = {part.name for edit in after for part in _list_parts(edit) if isinstance(part, FillHole)}

@@ -49,14 +49,9 @@ class Track:
 
         With a photo's `lag`, as the photo shows it; before the first pose and after the last it goes on as fast.
         """
-        if lag is None:
-            return self.interpolate_poses(np.array([time], np.float64))[0]
-        shown = self.find_shown_time(time, lag)
-        pose = self.interpolate_poses(np.array([shown], np.float64))[0]
-        pose[:3, 3] += self.go_on(shown)
-        return pose
+        return interpolate_tracks((self,), time, lag)[0]
 
-    def go_on(self, time: float) -> Float64[ndarray, "3"]:
+    def find_way_beyond(self, time: float) -> Float64[ndarray, "3"]:
         """Metres from the first or last pose to where the object is at `time` before or after it."""
         early, late = min(time - self.times[0], 0.0), max(time - self.times[-1], 0.0)
         if not early + late or len(self.times) < 2:
@@ -84,7 +79,7 @@ def interpolate_tracks(tracks: Sequence[Track], time: float, lag: PhotoLag | Non
         if track.times[upper] > track.times[lower]:
             shares[place] = (shown - track.times[lower]) / (track.times[upper] - track.times[lower])
         if lag is not None:
-            beyond[place] = track.go_on(shown)
+            beyond[place] = track.find_way_beyond(shown)
     poses = _blend_poses(ends[0], ends[1], shares)
     poses[:, :3, 3] += beyond
     return poses

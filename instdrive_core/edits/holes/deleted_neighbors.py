@@ -15,10 +15,8 @@ from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.edits.holes.ground_cells import find_covered_cells
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import MAX_AWAY
-from instdrive_core.edits.holes.surroundings import REACH, StandingObject, make_standing_object
+from instdrive_core.edits.holes.surroundings import REACH, StandingObject, find_lane_here, make_standing_object
 from instdrive_core.edits.queries.compact_objects import is_compact
-from instdrive_core.edits.queries.placement import find_lane
-from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
 
 MAX_GAP = 2 * MAX_AWAY
@@ -99,12 +97,8 @@ def _measure_gaps(footprints: Sequence[_Footprint]) -> list[tuple[float, int, in
 
 
 def _fits(document: Document, places: Float64[ndarray, "k 2"], time: float) -> bool:
-    middle = np.append((places.min(axis=0) + places.max(axis=0)) / 2, 0.0)
-    try:
-        along = find_lane(document, (), middle, time)[:2]
-    except EditError:
-        along = np.array([0.0, 1.0])
-    length, width = np.ptp(places @ np.array([along, [-along[1], along[0]]]).T, axis=0)
+    x, y = find_lane_here(document, np.append((places.min(axis=0) + places.max(axis=0)) / 2, 0.0), time)
+    length, width = np.ptp(places @ np.array([[x, y], [-y, x]]).T, axis=0)
     return bool(length <= MAX_LENGTH and width <= MAX_WIDTH)
 
 

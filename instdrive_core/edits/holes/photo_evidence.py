@@ -21,7 +21,6 @@ from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_w
 from instdrive_core.scene.camera import Camera, CameraView, PhotoLag
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.track import find_node_poses
 from instdrive_core.scene.transforms import find_away
 
 MAX_LOOKS, MAX_WITNESSES = 10, 8
@@ -205,8 +204,11 @@ class _Thing:
         """World positions (metres) at a time in seconds; none where it is not there then."""
         if not self._node:
             return self._points
-        poses, present = find_node_poses((self._scene.actors[self._node - 1],), time, lag)
-        return self._points @ poses[1, :3, :3].T + poses[1, :3, 3] if present[1] else np.zeros((0, 3))
+        track = self._scene.actors[self._node - 1]
+        if not track.covers(time):
+            return np.zeros((0, 3))
+        pose = track.interpolate_pose(time, lag)
+        return self._points @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _find_close(

@@ -56,7 +56,7 @@ class PhotoSight:
     behind: BlendWeights
     """What the pixels of the silhouette, row-major, would show without the thing."""
     sky: Bool[ndarray, "h w"]
-    """Pixels that show more than half of the sky."""
+    """Pixels that show the sky: splats stop at most half of the light there."""
 
 
 class PhotographedSplats:

@@ -106,13 +106,19 @@ def find_surroundings(
     spared = [rows for _, rows in groups] + ([] if leaving is None else [leaving])
     near = find_neighborhood(document, place, np.concatenate(spared))
     others = find_standing_objects(document, near, gone)
+    left = tuple(select_solid_points(document, rows[document.scene.nodes[rows] == 0]) for rows in kept)
+    return Surroundings(
+        place, find_lane_here(document, place, time), near, tuple(deleted), others, left, document.scene.views
+    )
+
+
+def find_lane_here(document: Document, place: Float64[ndarray, "3"], time: float) -> tuple[float, float]:
+    """Find the unit vector of the lane at a place (metres) and a time (seconds); the y axis where no lane is known."""
     try:
         lane = find_lane(document, (), place, time)
     except EditError:
-        lane = np.array([0.0, 1.0, 0.0])
-    along = (float(lane[0]), float(lane[1]))
-    left = tuple(select_solid_points(document, rows[document.scene.nodes[rows] == 0]) for rows in kept)
-    return Surroundings(place, along, near, tuple(deleted), others, left, document.scene.views)
+        return 0.0, 1.0
+    return float(lane[0]), float(lane[1])
 
 
 def find_standing_objects(
