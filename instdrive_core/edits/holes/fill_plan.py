@@ -13,6 +13,7 @@ from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_light import GroundLight
 from instdrive_core.edits.holes.ground_map import BARE, GROUND_BAND, GroundMap, build_ground_map
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells, profile_lines
+from instdrive_core.edits.holes.lane_marks import continue_marks, find_lane_marks
 from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
@@ -21,7 +22,7 @@ from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 
-GROUND_PIECES = ExemplarConfig(line_penalty=1.0, guide_penalty=16.0)
+GROUND_PIECES = ExemplarConfig(line_penalty=1.0, guide_penalty=16.0, bound_penalty=0.3)
 PROFILE_REACH = 4.0
 """Metres along the lane over which known heights count less by e for how high the ground on a line is."""
 HEIGHT_WEIGHT = 2.0
@@ -161,7 +162,9 @@ def choose_ground_pieces(
     color = ground.color if light is None else ground.color / light.compute_shares(hole)
     values = np.dstack([color, HEIGHT_WEIGHT * ground.height])
     costs = None if light is None else light.compute_costs()
-    return choose_source_cells(values, known, hole, rng, GROUND_PIECES, profile, costs)
+    marks = find_lane_marks(color.mean(axis=2), ground.height, known & ~hole, ground.grid.size)
+    sources = choose_source_cells(values, known, hole, rng, GROUND_PIECES, profile, costs, marks)
+    return None if sources is None else continue_marks(sources, marks, known & ~hole, hole, ground.grid.size)
 
 
 def _lay_tiles(

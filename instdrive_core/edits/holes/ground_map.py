@@ -90,13 +90,38 @@ def find_solid_cells(ground: GroundMap) -> Bool[ndarray, "a b"]:
 
 def find_walls(grid: GroundGrid, near: Neighborhood) -> Bool[ndarray, "a b"]:
     """Find the cells in which walls, fences or hedges stand along the lane, whatever hides a part of them."""
-    heights = grid.compute_heights(near.means)
-    upright = (near.opacities >= SOLID_OPACITY) & ~near.compact & (near.scales.max(axis=1) <= MAX_SPLAT)
-    upright &= (heights >= WALL_BAND[0]) & (heights <= WALL_BAND[1])
-    taken = grid.count_cells(grid.find_cells(near.means[upright])) > 0
-    broad = np.asarray(ndimage.maximum_filter1d(taken.astype(np.uint8), 3, axis=1), bool)
-    whole = np.broadcast_to(broad.mean(axis=0) >= WALL_SHARE, grid.shape)
+    broad = _find_upright_cells(grid, near, WALL_BAND, ~near.compact)
     length = round(WALL_GAP / grid.size)
     padded = np.pad(broad, ((length, length), (0, 0)))
     pieces = np.asarray(ndimage.binary_closing(padded, np.ones((length, 1))), bool)[length:-length]
-    return whole | pieces
+    return _choose_wall_lines(broad) | pieces
+
+
+def find_cells_before_walls(
+    grid: GroundGrid, near: Neighborhood, footprint: Bool[ndarray, "a b"]
+) -> Bool[ndarray, "a b"]:
+    """Find the cells on the side of the walls on which most of a footprint lies, and the walls'.
+
+    Walls are found below the crowns of trees, and narrow houses count, too. All cells where the whole footprint lies
+    in walls: then it tells no side.
+    """
+    walls = _choose_wall_lines(_find_upright_cells(grid, near, STANDING_BAND, ~near.compact | near.tall))
+    parts = np.zeros(walls.shape, np.int32)
+    ndimage.label(~walls, output=parts)
+    shares = np.bincount(parts[footprint & ~walls])
+    return walls | (parts == np.argmax(shares)) if len(shares) else np.ones_like(walls)
+
+
+def _find_upright_cells(
+    grid: GroundGrid, near: Neighborhood, band: tuple[float, float], among: Bool[ndarray, " k"]
+) -> Bool[ndarray, "a b"]:
+    """Cells in which, or beside which across the lane, solid splats stand in a band of heights (metres)."""
+    heights = grid.compute_heights(near.means)
+    upright = among & (near.opacities >= SOLID_OPACITY) & (near.scales.max(axis=1) <= MAX_SPLAT)
+    upright &= (heights >= band[0]) & (heights <= band[1])
+    taken = grid.count_cells(grid.find_cells(near.means[upright])) > 0
+    return np.asarray(ndimage.maximum_filter1d(taken.astype(np.uint8), 3, axis=1), bool)
+
+
+def _choose_wall_lines(upright: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+    return np.broadcast_to(upright.mean(axis=0) >= WALL_SHARE, upright.shape)

@@ -16,7 +16,14 @@ from instdrive_core.edits.holes.cast_shadow import HALF_LIT_SHARE, find_cast_sha
 from instdrive_core.edits.holes.free_space import Occluder, build_occluder, count_sightings
 from instdrive_core.edits.holes.ground_cells import find_covered_cells, find_nearer_cells, grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.ground_map import BARE, GroundMap, build_ground_map, find_solid_cells, find_walls
+from instdrive_core.edits.holes.ground_map import (
+    BARE,
+    GroundMap,
+    build_ground_map,
+    find_cells_before_walls,
+    find_solid_cells,
+    find_walls,
+)
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane
 from instdrive_core.edits.holes.kept_footprint import find_kept_footprint
 from instdrive_core.edits.holes.photo_evidence import Look
@@ -114,6 +121,8 @@ def find_hole(
     kept = find_kept_footprint(found.kept, grid)
     kept |= find_nearer_cells(find_covered_cells(beside, grid), find_covered_cells(found.deleted, grid))
     footprint, reached = _find_footprints(grid, found.deleted, kept)
+    before = find_cells_before_walls(grid, around, footprint)
+    footprint, reached = footprint & before, reached & before
     hidden, uncovered = _find_hidden_cells(grid, found, beside)
     if hidden is None:
         hidden = uncovered = grow_cells(footprint, grid.size, FOOTPRINT_MARGIN)

@@ -17,6 +17,8 @@ from scipy import ndimage
 
 _BATCH = 64
 """Pieces that are looked at together, those that may be best first."""
+ON_LINE = 1
+"""Cells across that what is bound to a line may shift: lines are seldom quite straight."""
 MIN_TOLD = 0.3
 """Cells right there that what is known on a line must count like, to say what the line is like."""
 
@@ -50,6 +52,9 @@ class ExemplarConfig:
     pavement is not copied onto the road."""
     guide_reach: float = 0.05
     """Difference of the guide up to which a piece is of what belongs there."""
+    bound_penalty: float = 0.0
+    """Added per share of what a piece brings that is bound to its line and would come to another: marks on the road are
+    continued, but not strewn beside it."""
     told_share: float = 0.9
     """Pieces may be so large that for this share of what the smallest ones can fill there are such pieces."""
     variety: float = 0.1
@@ -67,12 +72,13 @@ def choose_source_cells(
     config: ExemplarConfig = DEFAULT_CONFIG,
     guide: Float64[ndarray, "a b"] | None = None,
     extra: Float64[ndarray, "a b"] | None = None,
+    bound: Bool[ndarray, "a b"] | None = None,
 ) -> Int64[ndarray, "a b 2"] | None:
     """For each cell of the hole the known cell to copy, -1 elsewhere; None where nothing is known.
 
     Axis 0 runs along the lane. Cells that are neither known nor of the hole are left out of comparisons. A `guide` says
     of every cell, known or not, what belongs there. Squared differences of `extra`, known everywhere, too, are added to
-    what a piece costs.
+    what a piece costs. Cells that are `bound` belong to their lines along axis 0.
     """
     known = known & ~hole
     window = _cut_window(known, hole, config, guide)
@@ -88,6 +94,8 @@ def choose_source_cells(
     guides = sliding_window_view(guided, (window, window))[tuple(middles.T)].copy()
     added = np.pad(np.zeros(hole.shape) if extra is None else extra, pad, mode="edge")
     extras = sliding_window_view(added, (window, window))[tuple(middles.T)].copy()
+    fixed = np.pad(np.zeros(hole.shape, bool) if bound is None else bound, pad)
+    marks = sliding_window_view(fixed, (window, window))[tuple(middles.T)].copy()
     lines = continue_lines(values, known, config.line_reach) if config.line_penalty else np.full(values.shape, np.nan)
     lines = np.pad(lines, ((pad, pad), (pad, pad), (0, 0)), constant_values=np.nan)
     sources, uses = np.full((*hole.shape, 2), -1), np.zeros(len(middles))
@@ -102,6 +110,8 @@ def choose_source_cells(
             least += config.guide_penalty * ((guides[:, todo[part]] - guided[part][todo[part]]) ** 2).mean(axis=1)
         if extra is not None:
             least += ((extras[:, todo[part]] - added[part][todo[part]]) ** 2).mean(axis=1)
+        if bound is not None:
+            least += config.bound_penalty * marks[:, todo[part]].mean(axis=1) * (away[:, 1] > ON_LINE)
         scales = 1 + config.variety * rng.random(len(middles))
         if there.any():
             least += _measure_differences(candidates, padded[part], there)

@@ -10,7 +10,13 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64, UInt32
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.compact_objects import build_body, is_compact, keep_main_node, select_solid_points
+from instdrive_core.edits.queries.compact_objects import (
+    build_body,
+    is_compact,
+    is_tall,
+    keep_main_node,
+    select_solid_points,
+)
 from instdrive_core.edits.queries.placement import find_lane
 from instdrive_core.errors import EditError
 from instdrive_core.instances.interiors import CompactObject
@@ -54,6 +60,8 @@ class Neighborhood:
     locked: Bool[ndarray, " k"]
     compact: Bool[ndarray, " k"]
     """Part of an object that stands there."""
+    tall: Bool[ndarray, " k"]
+    """Part of one that is taller than any vehicle, such as a narrow house or a tree."""
 
     def exclude(self, rows: Int64[ndarray, " r"]) -> Neighborhood:
         """A neighbourhood without some rows of the document."""
@@ -142,13 +150,21 @@ def find_neighborhood(
     rows = rows[~find_away(document.transforms, rows)]
     if spared is not None:
         rows = np.setdiff1d(rows, spared, assume_unique=True)
+    return copy_neighborhood(document, rows)
+
+
+def copy_neighborhood(document: Document, rows: Int64[ndarray, " k"]) -> Neighborhood:
+    """Copy some rows of the document as they are now."""
+    scene = document.scene
     ids = scene.instance_ids[rows]
     known = [scene.table[number] for number in np.unique(ids).tolist() if number in scene.table]
-    compact = np.isin(ids, [instance.id for instance in known if is_compact(instance)])
+    standing = [instance for instance in known if is_compact(instance)]
+    compact = np.isin(ids, [instance.id for instance in standing])
+    tall = np.isin(ids, [instance.id for instance in standing if is_tall(instance)])
     part = scene.gaussians.select(rows)
     bake_transforms(part, document.transforms, document.transforms.indices[rows])
-    colors, locked = color_from_dc(part.sh_dc), (flags[rows] & Flag.LOCKED) != 0
-    return Neighborhood(rows, part.means, part.quats, part.scales, part.opacities, colors, ids, locked, compact)
+    colors, locked = color_from_dc(part.sh_dc), (document.state.flags[rows] & Flag.LOCKED) != 0
+    return Neighborhood(rows, part.means, part.quats, part.scales, part.opacities, colors, ids, locked, compact, tall)
 
 
 def make_standing_object(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> StandingObject | None:

@@ -108,3 +108,26 @@ def test_lines_under_what_stands_lowest_are_no_slope_up_to_the_kerb():
     np.testing.assert_allclose(told[2], [0, 0, 0, 0, 0, 0.15, 0.15, 0.15, 0.15])
     mirrored = profile_lines(heights[:, ::-1], known[:, ::-1], 3.0, lowest[::-1])
     np.testing.assert_allclose(mirrored, told[:, ::-1])
+
+
+def test_a_mark_at_the_edge_of_what_is_known_is_not_strewn_beside_it() -> None:
+    """Cars are parked all along the kerb: of the strip where they stand nothing is known but its line."""
+    rng = np.random.default_rng(2)
+    color = np.full((60, 30), 0.5) + 0.02 * rng.standard_normal((60, 30))
+    mark = np.zeros((60, 30), bool)
+    mark[rng.random(60) < 0.7, 17] = True  # worn
+    color[mark] = 0.9
+    known = np.broadcast_to(np.arange(30) < 18, (60, 30)).copy()
+    hole = np.zeros((60, 30), bool)
+    hole[20:40, 16:] = True
+    bright = []
+    for bound in (mark, None):
+        sources = choose_source_cells(
+            np.repeat(color[..., None], 3, axis=2), known, hole, np.random.default_rng(0), GROUND_PIECES, bound=bound
+        )
+        assert sources is not None
+        filled = np.zeros(hole.shape, bool)
+        filled[hole] = color[tuple(sources[hole].T)] > 0.7
+        bright.append(filled[20:40, 19:].mean())
+    assert bright[0] == 0
+    assert bright[1] > 0.05

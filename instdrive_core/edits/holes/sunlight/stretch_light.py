@@ -22,16 +22,15 @@ from instdrive_core.edits.holes.ground_plane import fit_ground_plane
 from instdrive_core.edits.holes.holes import EDGE, MIN_SIGHTINGS, PLANE_RADIUS
 from instdrive_core.edits.holes.sunlight.standing_rows import LOWEST, find_standing_rows
 from instdrive_core.edits.holes.sunlight.street_light import StreetLight, find_street_light
-from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject
-from instdrive_core.edits.queries.compact_objects import is_compact, is_tall
+from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject, copy_neighborhood
+from instdrive_core.edits.queries.compact_objects import is_tall
 from instdrive_core.edits.queries.placement import SOLID_OPACITY, find_lane
 from instdrive_core.errors import EditError
 from instdrive_core.instances.interiors import DEFAULT_CONFIG, fit_compact_object
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
-from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import bake_transforms, compute_current_means, find_away
+from instdrive_core.scene.transforms import compute_current_means, find_away
 
 CELL = 0.2
 """Metres per side of a cell."""
@@ -127,7 +126,7 @@ def _look_along(document: Document, station: Float64[ndarray, "3"], rows: Int64[
     local = (means[:, :2] - station[:2]) @ np.array([[lane[0], -lane[1]], [lane[1], lane[0]]])
     inside = (np.abs(local) <= (HALF_LENGTH, HALF_WIDTH)).all(axis=1)
     rows, means, local = rows[inside], means[inside], local[inside]
-    near = _copy_splats(document, rows)
+    near = copy_neighborhood(document, rows)
     below = station[2] - near.means[:, 2]
     around = (np.hypot(*local.T) <= PLANE_RADIUS) & (below >= 0) & (below <= CAMERA_BAND)
     around &= (near.opacities >= SOLID_OPACITY) & ~near.compact
@@ -172,19 +171,6 @@ def _lower(view: CameraView, rise: Callable[[ndarray], ndarray]) -> CameraView:
     pose = view.camera.world_from_camera.copy()
     pose[2, 3] -= rise(pose[None, :3, 3])[0]
     return replace(view, camera=replace(view.camera, world_from_camera=pose))
-
-
-def _copy_splats(document: Document, rows: Int64[ndarray, " m"]) -> Neighborhood:
-    scene = document.scene
-    part = scene.gaussians.select(rows)
-    bake_transforms(part, document.transforms, document.transforms.indices[rows])
-    ids = scene.instance_ids[rows]
-    known = [scene.table[number] for number in np.unique(ids).tolist() if number in scene.table]
-    compact = np.isin(ids, [each.id for each in known if is_compact(each)])
-    nothing = np.zeros(len(rows), bool)
-    return Neighborhood(
-        rows, part.means, part.quats, part.scales, part.opacities, color_from_dc(part.sh_dc), ids, nothing, compact
-    )
 
 
 def _measure_light(
