@@ -18,6 +18,8 @@ MIN_SHARE = 0.15
 BELOW_WEIGHT = 0.5
 """A point below the plane speaks against it by so much: what is above may stand on it, below it is only noise."""
 _REFITS = 3
+TOP_CELL, TOP_DEPTH = 0.5, 0.1
+"""Metres per side of the cells whose highest points are the surface, and how far below it points belong to it."""
 
 
 def fit_ground_plane(points: Float[ndarray, "n 3"]) -> Float64[ndarray, "3"] | None:
@@ -54,6 +56,16 @@ def fit_ground_plane(points: Float[ndarray, "n 3"]) -> Float64[ndarray, "3"] | N
             return None
         plane = np.linalg.lstsq(columns[agreeing], heights[agreeing], rcond=None)[0]
     return plane
+
+
+def keep_topmost(points: Float[ndarray, "n 3"]) -> Float[ndarray, "m 3"]:
+    """Keep the points at the top, cell by cell: what photos never showed may have trained below the road."""
+    cells = np.floor(points[:, :2] / TOP_CELL).astype(np.int64)
+    _, cell_of = np.unique(cells, axis=0, return_inverse=True)
+    cell_of = cell_of.ravel()
+    tops = np.full(cell_of.max(initial=-1) + 1, -np.inf)
+    np.maximum.at(tops, cell_of, points[:, 2])
+    return points[points[:, 2] >= tops[cell_of] - TOP_DEPTH]
 
 
 def _find_agreeing(

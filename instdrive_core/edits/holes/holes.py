@@ -24,7 +24,7 @@ from instdrive_core.edits.holes.ground_map import (
     find_solid_cells,
     find_walls,
 )
-from instdrive_core.edits.holes.ground_plane import fit_ground_plane
+from instdrive_core.edits.holes.ground_plane import fit_ground_plane, keep_topmost
 from instdrive_core.edits.holes.kept_footprint import find_kept_footprint
 from instdrive_core.edits.holes.photo_evidence import Look
 from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject, Surroundings, find_standing_objects
@@ -208,9 +208,10 @@ def build_ground_grid(found: Surroundings) -> GroundGrid | None:
     offsets = near.means - found.place.astype(np.float32)
     solid = (near.opacities >= SOLID_OPACITY) & ~near.compact & (np.abs(offsets[:, 2]) <= PLANE_BAND)
     solid &= np.hypot(offsets[:, 0], offsets[:, 1]) <= PLANE_RADIUS
-    plane = fit_ground_plane(offsets[solid])
-    if plane is None:  # walls all around: what stood there stood on what lies below its middle
-        plane = fit_ground_plane(offsets[solid & (offsets[:, 2] <= 0)])
+    low = offsets[solid & (offsets[:, 2] <= 0)]
+    # Walls all around: what stood there stood on what lies below its middle. And the road may hide splats below it.
+    tries = (offsets[solid], low, keep_topmost(low))
+    plane = next((found for found in map(fit_ground_plane, tries) if found is not None), None)
     if plane is not None:
         level = float(found.place[2] + plane[0] - plane[1:] @ found.place[:2])
         in_world = (level, float(plane[1]), float(plane[2]))
