@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numba
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float64, Int64, Shaped
 from numpy import ndarray
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
@@ -87,15 +87,12 @@ def choose_source_cells(
     pad = window // 2
     padded = np.pad(values, ((pad, pad), (pad, pad), (0, 0)))
     filled, todo = np.pad(known, pad), np.pad(hole, pad)
-    patches = sliding_window_view(padded, (window, window), axis=(0, 1))
     middles = _find_whole_windows(known, window)
-    candidates = np.moveaxis(patches[tuple(middles.T)], 1, -1).copy()
+    candidates = _cut_pieces(padded, middles, window)
     guided = np.pad(np.zeros(hole.shape) if guide is None else guide, pad, mode="edge")
-    guides = sliding_window_view(guided, (window, window))[tuple(middles.T)].copy()
     added = np.pad(np.zeros(hole.shape) if extra is None else extra, pad, mode="edge")
-    extras = sliding_window_view(added, (window, window))[tuple(middles.T)].copy()
     fixed = np.pad(np.zeros(hole.shape, bool) if bound is None else bound, pad)
-    marks = sliding_window_view(fixed, (window, window))[tuple(middles.T)].copy()
+    guides, extras, marks = (_cut_pieces(each, middles, window) for each in (guided, added, fixed))
     lines = continue_lines(values, known, config.line_reach) if config.line_penalty else np.full(values.shape, np.nan)
     lines = np.pad(lines, ((pad, pad), (pad, pad), (0, 0)), constant_values=np.nan)
     sources, uses = np.full((*hole.shape, 2), -1), np.zeros(len(middles))
@@ -128,6 +125,13 @@ def choose_source_cells(
     return sources
 
 
+def weigh_along(count: int, reach: float) -> Float64[ndarray, "a a"]:
+    """What each of `count` cells counts for each other one on its line, where one `reach` cells farther counts less by
+    e, and a cell right there 1."""
+    places = np.arange(count)
+    return np.exp(-np.abs(places[:, None] - places) / reach)
+
+
 def continue_lines(
     values: Float64[ndarray, "a b v"], known: Bool[ndarray, "a b"], reach: float
 ) -> Float64[ndarray, "a b v"]:
@@ -135,8 +139,7 @@ def continue_lines(
 
     NaN where what is known counts less than a cell right there.
     """
-    steps = np.arange(len(values))
-    weights = np.exp(-np.abs(steps[:, None] - steps) / reach)
+    weights = weigh_along(len(values), reach)
     sums, total = np.einsum("ij,jbv->ibv", weights, np.where(known[..., None], values, 0)), weights @ known
     return np.where((total >= 1)[..., None], sums / np.maximum(total, 1)[..., None], np.nan)
 
@@ -153,8 +156,7 @@ def profile_lines(
     Of the lines that are `lowest` it is known that they are like the lower of what lies on either side, where nothing
     is known on them: what is between them and there, is like the other side.
     """
-    steps = np.arange(len(values))
-    weights = np.exp(-np.abs(steps[:, None] - steps) / reach)
+    weights = weigh_along(len(values), reach)
     sums, total = weights @ np.where(known, values, 0), weights @ known
     profiles, places = np.zeros(values.shape), np.arange(values.shape[1])
     for profile, line_sums, line_total in zip(profiles, sums, total, strict=True):
@@ -276,6 +278,14 @@ def _find_told_share(
 def _find_whole_windows(known: Bool[ndarray, "a b"], window: int) -> Int64[ndarray, "c 2"]:
     """Middles of the squares in which every cell is known."""
     return np.argwhere(ndimage.binary_erosion(known, np.ones((window, window)), border_value=0))
+
+
+def _cut_pieces(
+    picture: Shaped[ndarray, "p q *v"], middles: Int64[ndarray, "c 2"], window: int
+) -> Shaped[ndarray, "c w w *v"]:
+    """Copy the squares around cells of a picture that has a margin of half a window."""
+    squares = sliding_window_view(picture, (window, window), axis=(0, 1))[tuple(middles.T)]
+    return np.moveaxis(squares, (-2, -1), (1, 2)).copy()
 
 
 def _choose_next_middle(filled: Bool[ndarray, "p q"], todo: Bool[ndarray, "p q"], window: int) -> Int64[ndarray, "2"]:

@@ -7,6 +7,8 @@ from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from numpy.lib.stride_tricks import sliding_window_view
 
+from instdrive_core.edits.holes.inpainting import weigh_along
+
 HALF_WINDOW = 0.8
 """Metres across the lane on either side that a mark is brighter than: twice as wide as the widest one."""
 BRIGHTER = 1.2
@@ -43,21 +45,19 @@ def continue_marks(
         marks: those of `find_lane_marks`.
         size: metres of a cell.
     """
-    places = np.arange(len(hole))
-    weights = np.exp(-np.abs(places[:, None] - places) * size / REACH)
-    seen = weights @ known
-    goes_on = hole & (weights @ (marks & known) >= LEAST_SHARE * np.maximum(seen, 1))
+    weights = weigh_along(len(hole), REACH / size)
+    goes_on = hole & (weights @ (marks & known) >= LEAST_SHARE * np.maximum(weights @ known, 1))
     result = sources.copy()
     for column in np.flatnonzero(goes_on.any(axis=0)):
-        there = np.flatnonzero(known[:, column])
-        cells = np.flatnonzero(goes_on[:, column])
+        there, cells = np.flatnonzero(known[:, column]), np.flatnonzero(goes_on[:, column])
         after = np.searchsorted(there, cells)
-        mirrored = [2 * there[np.clip(side, 0, len(there) - 1)] - cells for side in (after - 1, after)]
-        order = np.abs(np.array(mirrored) - cells).argsort(axis=0, kind="stable")
-        for choice in np.take_along_axis(np.array(mirrored), order, axis=0)[::-1]:  # the nearer one comes last and wins
-            fits = (choice >= 0) & (choice < len(hole))
-            fits[fits] = known[choice[fits], column]
-            result[cells[fits], column] = np.c_[choice[fits], np.full(fits.sum(), column)]
+        before, behind = there[np.clip([after - 1, after], 0, len(there) - 1)]
+        is_nearer = np.abs(before - cells) <= np.abs(behind - cells)
+        for edge in (np.where(is_nearer, behind, before), np.where(is_nearer, before, behind)):  # the nearer one wins
+            mirrored = 2 * edge - cells
+            fits = (mirrored >= 0) & (mirrored < len(hole))
+            fits[fits] = known[mirrored[fits], column]
+            result[cells[fits], column, 0], result[cells[fits], column, 1] = mirrored[fits], column
     return result
 
 
