@@ -327,7 +327,11 @@ class DeletionReview:
             return DeletionFindings(document, deletion, report, places, nodes, absorption, time=time, is_move=is_move)
 
         def finish(found: DeletionFindings | None) -> None:
-            if found is None or self._context.document is not document or not found.is_current:
+            if found is None or self._context.document is not document:
+                return
+            if not found.is_current:
+                if is_told and found.report.lacks_ground:
+                    self._messages.info(phrase("{title}: {summary}", title=found.title, summary=found.report.summary))
                 return
             if edit is not None and _is_filled(document, found):
                 return

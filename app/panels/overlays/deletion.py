@@ -40,15 +40,28 @@ class _Line:
     command: Action
 
 
+@dataclass(frozen=True)
+class _Width:
+    """Pixels that the words and the buttons of the box take. While one report is shown neither gets narrower: the next
+    button stays where the mouse expects it."""
+
+    words: float = 0.0
+    buttons: float = 0.0
+
+
 class DeletionOverlay:
     """Shows what is pending, and the report of the last of it."""
 
     def __init__(self) -> None:
         self._patterns: list[tuple[Hole, HolePattern]] = []
+        self._width = _Width()
+        self._shown: DeletionFindings | None = None
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
         found, document, snapshot = ui.session.deletion.review.findings, ui.session.document, ui.view.snapshot
+        if found is not self._shown:
+            self._width, self._shown = _Width(), found
         if found is None or document is None or snapshot is None:
             return
         draw = imgui.get_window_draw_list()
@@ -60,7 +73,7 @@ class DeletionOverlay:
         if found.residue_count:
             _draw_dots(_place_residue(found, document.scene, ui.session.state.time), snapshot.camera, place)
         draw.pop_clip_rect()
-        _draw_box(ui, found, place)
+        self._width = _draw_box(ui, found, place, self._width)
 
     def _find_pattern(self, hole: Hole) -> HolePattern:
         for known, pattern in self._patterns:
@@ -103,15 +116,16 @@ def _draw_dots(places: Float64[ndarray, "r 3"], camera: Camera, place: Rectangle
         draw.add_circle_filled(at, scale_pixels(DOT), pack_color(ERROR), 12)
 
 
-def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle) -> None:
+def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle, least: _Width) -> _Width:
     lines = _compose_lines(ui, found)
     others = len(ui.session.deletion.review.pending) - 1
     title = (
         translate("{title}  (and {count} more)", title=found.title, count=others) if others else translate(found.title)
     )
     row, padding = imgui.get_frame_height() + scale_pixels(LINE_GAP), scale_pixels(PADDING)
-    words = max(imgui.calc_text_size(text).x for text in (title, *(line.text for line in lines)))
+    words = max(least.words, *(imgui.calc_text_size(text).x for text in (title, *(line.text for line in lines))))
     buttons = max(imgui.calc_text_size(line.button).x for line in lines) + 2 * imgui.get_style().frame_padding.x
+    buttons = max(least.buttons, buttons)
     width = words + scale_pixels(BUTTON_GAP) + buttons + 2 * padding
     height = row * (1 + len(lines)) - scale_pixels(LINE_GAP) + 2 * padding
     left, bottom = place.x + scale_pixels(MARGIN), place.y + place.height - scale_pixels(MARGIN)
@@ -132,6 +146,7 @@ def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle) -> None:
             ui.session.actions.run(line.command.id)
         imgui.end_disabled()
         ui.mark(line.command.id)
+    return _Width(words, buttons)
 
 
 def _compose_lines(ui: Ui, found: DeletionFindings) -> list[_Line]:

@@ -45,6 +45,8 @@ class GroupReview:
     holes: tuple[Hole, ...]
     record: PhotoRecord | None
     """What the photos showed of the group; None where none did."""
+    lacks_ground: bool = False
+    """Photos never showed all that the group hid, and no ground was found around it that tells where the hole is."""
 
 
 def review_group(
@@ -80,7 +82,7 @@ def review_group(
     holes = [] if hole is None or not (hole.area or hole.behind) else [hole]
     if around.moves and evidence is not None:
         holes += _find_bare_holes(around, evidence, holes, look_around, find_beside)
-    return GroupReview(residue, tuple(holes), record)
+    return GroupReview(residue, tuple(holes), record, hole is None and _leaves_gap(evidence))
 
 
 def _find_bare_holes(
@@ -118,8 +120,12 @@ def _find_hole(
 ) -> Hole | None:
     if evidence is None:
         return find_hole(around, residue, beside=beside)
-    behind = ids if evidence.gap_share > MAX_GAP_SHARE else ()
+    behind = ids if _leaves_gap(evidence) else ()
     return find_hole(around, np.union1d(residue, evidence.lost), evidence.looks, behind, beside)
+
+
+def _leaves_gap(evidence: PhotoEvidence | None) -> bool:
+    return evidence is not None and evidence.gap_share > MAX_GAP_SHARE
 
 
 def _find_residue(

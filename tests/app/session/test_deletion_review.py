@@ -5,7 +5,7 @@ from time import sleep
 
 import numpy as np
 import pytest
-from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, ROAD, parked_street
+from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, PAVEMENT, ROAD, parked_street
 from session_driver import finish
 
 from instdrive_app.actions import register_actions
@@ -319,3 +319,11 @@ def test_things_deleted_together_leave_one_report_and_are_filled_as_one_step(ses
     assert not found.holes
     session.history.undo()
     assert len(session.deletion.review.findings.holes) == 2, "undo brings both back"
+
+
+def test_it_is_told_where_no_ground_is_left_to_fill_from(session):
+    session.deletion.delete((ROAD, PAVEMENT))
+    finish(session)
+    session.deletion.delete((CAR,))
+    finish(session)
+    assert texts(session)[-1].endswith("no ground found around it to fill from")

@@ -36,6 +36,7 @@ def test_residue_is_absorbed_and_the_hole_filled_by_clicks(window):
     state = window.wait_for(lambda state: "deletion.absorb" not in state["widgets"], "the residue to be gone")
     assert state["selected"] == [], "the click was not for the picture"
     button = window.wait_for_widget("deletion.fill")
+    assert state["widgets"]["deletion.fill"] == widgets["deletion.fill"], "the other button is still under the mouse"
     window.hasty_drag(button, button)  # the press goes to the button, not to what the mouse has left in that frame
     window.wait_for_edit("Fill hole of ")
     window.wait_for(lambda state: "deletion review" not in state["widgets"], "the box to be gone")

@@ -230,3 +230,12 @@ def test_an_actor_with_strays_in_the_background_is_an_actor():
     assert report.hole_area == 0
     around = find_surroundings(document, [(OTHER_CAR, document.find_rows((OTHER_CAR,)))], 0.6)
     assert len(around.deleted[0].points) == len(rows) - 100
+
+
+def test_a_gap_without_ground_around_is_told(street):
+    document = Document(deepcopy(street.scene))
+    document.apply(DeleteInstances((ROAD, PAVEMENT)))
+    document.apply(DeleteInstances((CAR,)))
+    report = report_deletion(document, (CAR,), 0.0)
+    assert report.holes == ()
+    assert report.hole_text == "no ground found around it to fill from"
