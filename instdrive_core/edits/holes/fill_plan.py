@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy import ndimage
+from scipy.spatial import KDTree
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_light import GroundLight
@@ -17,10 +18,12 @@ from instdrive_core.edits.holes.lane_marks import continue_marks, find_lane_mark
 from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
+from instdrive_core.edits.holes.uprights import Continuation
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
+from instdrive_core.scene.transforms import TransformPalette, bake_transforms
 
 GROUND_PIECES = ExemplarConfig(line_penalty=1.0, guide_penalty=16.0, bound_penalty=0.3)
 PROFILE_REACH = 4.0
@@ -58,6 +61,8 @@ class FillPlan:
     """Standard deviations in metres."""
     replaced: Int64[ndarray, " r"]
     """Rows of the document to delete."""
+    uprights: tuple[Continuation, ...] = ()
+    """Feet of what stands behind."""
     backdrop: Gaussians | None = None
     """What stands behind; None = nothing is added there."""
     backdrop_like: Int64[ndarray, " b"] = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -66,10 +71,11 @@ class FillPlan:
     @property
     def likes(self) -> Int64[ndarray, " n"]:
         """Rows of the document that all splats take their other columns from, in the order of `build_splats`."""
-        return np.concatenate([self.tiles_like, self.backdrop_like])
+        return np.concatenate([self.tiles_like, *(each.copied for each in self.uprights), self.backdrop_like])
 
-    def build_splats(self, gaussians: Gaussians) -> Gaussians:
-        """Ground and backdrop, which look the same from everywhere; `gaussians` are the document's."""
+    def build_splats(self, gaussians: Gaussians, transforms: TransformPalette) -> Gaussians:
+        """Ground and backdrop, which look the same from everywhere, and feet; `gaussians` and `transforms` are the
+        document's."""
         like, count = gaussians.select(self.tiles_like), len(self.tiles)
         sizes = self.tile_scales[:, None] * np.ones((1, 2))
         ground = replace(
@@ -81,9 +87,18 @@ class FillPlan:
             sh_dc=dc_from_color(self.tile_colors).astype(np.float32),
             sh_rest=np.zeros_like(like.sh_rest),
         )
-        if self.backdrop is None:
-            return ground
-        return concatenate_gaussians([ground, replace(self.backdrop, features=gaussians.features[self.backdrop_like])])
+        parts = [ground, *(_copy_lower(gaussians, transforms, each) for each in self.uprights)]
+        if self.backdrop is not None:
+            parts.append(replace(self.backdrop, features=gaussians.features[self.backdrop_like]))
+        return concatenate_gaussians(parts)
+
+
+def _copy_lower(gaussians: Gaussians, transforms: TransformPalette, foot: Continuation) -> Gaussians:
+    """Copies of splats as they are shown now, each lower by its drop."""
+    part = gaussians.select(foot.copied)
+    bake_transforms(part, transforms, transforms.indices[foot.copied])
+    part.means[:, 2] -= foot.drops.astype(np.float32)
+    return part
 
 
 def plan_nothing() -> FillPlan:
@@ -136,6 +151,17 @@ def plan_fill(
         places, np.clip(np.concatenate([colors[fine_hole], bed_colors]), 0, 1), near.rows[like], scales,
         near.rows[_find_replaced(grid, near, hole)],
     )  # fmt: skip
+
+
+def find_filled_levels(ground: GroundMap, plan: FillPlan, places: Float64[ndarray, "k 2"]) -> Float64[ndarray, " k"]:
+    """Height of the ground in the world (metres) at x and y, once it is filled."""
+    grid = ground.grid
+    cells = np.clip(grid.find_cells(places), 0, np.array(grid.shape) - 1)
+    levels = grid.lift_to_ground(places)[:, 2] + ground.height[tuple(cells.T)]
+    if len(plan.tiles):
+        away, nearest = KDTree(plan.tiles[:, :2]).query(places)
+        levels = np.where(away <= grid.size, plan.tiles[nearest, 2], levels)
+    return levels
 
 
 def profile_ground(

@@ -27,13 +27,14 @@ from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.edits.holes.backdrop import plan_backdrop
 from instdrive_core.edits.holes.cast_shadow import find_shaded_cells, lies_in_shade
 from instdrive_core.edits.holes.deleted_neighbors import pick_unfilled
-from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill, plan_nothing
+from instdrive_core.edits.holes.fill_plan import FillPlan, find_filled_levels, plan_fill, plan_nothing
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
 from instdrive_core.edits.holes.parking_lines import find_parking_lines
-from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
+from instdrive_core.edits.holes.photo_evidence import Look, PhotoEvidence, PhotoRecord, gather_photo_evidence
 from instdrive_core.edits.holes.sunlight.stretch_light import find_hole_light
 from instdrive_core.edits.holes.surroundings import StandingObject, find_neighborhood
+from instdrive_core.edits.holes.uprights import continue_uprights
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.compact_objects import select_solid_points
 from instdrive_core.errors import EditError
@@ -175,7 +176,7 @@ class FillHole(AppendEdit):
         extra = {name: column[rows] for name, column in scene.extra.items()}
         extra[SYNTHETIC] = np.ones(count, scene.extra[SYNTHETIC].dtype)
         added = Scene(
-            filling.build_splats(scene.gaussians),
+            filling.build_splats(scene.gaussians, document.transforms),
             np.full(count, entry.id, np.uint32),
             scene.codewords[rows],
             np.zeros(count, np.uint16),
@@ -195,14 +196,15 @@ class FillHole(AppendEdit):
         rng = np.random.default_rng(self.seed)  # bare, so that saved projects replay: see `maths.streams`
         evidence = self._gather_evidence(document)
         lost = np.zeros(0, np.int64) if evidence is None else evidence.lost
-        plan = self._plan_ground(document, lost, rng) if self.cells else plan_nothing()
+        looks = () if evidence is None else evidence.looks
+        plan = self._plan_ground(document, lost, looks, rng) if self.cells else plan_nothing()
         if evidence is None:
             return plan
         plan = replace(plan, replaced=np.union1d(plan.replaced, lost))
         rows = np.arange(len(document.scene))
         left = np.setdiff1d(rows[~find_away(document.transforms, rows)], plan.replaced, assume_unique=True)
         deleted = document.state.find_mask(Flag.DELETED)
-        ground = plan.build_splats(document.scene.gaussians)
+        ground = plan.build_splats(document.scene.gaussians, document.transforms)
         backdrop = plan_backdrop(bake_document(document, rows=left), ground, self.plane, evidence.looks, rng)
         return replace(plan, backdrop=backdrop.gaussians, backdrop_like=left[~deleted[left]][backdrop.like])
 
@@ -215,7 +217,9 @@ class FillHole(AppendEdit):
         kept = [np.setdiff1d(each, part, assume_unique=True) for each, part in zip(rows, gone, strict=True)]
         return gather_photo_evidence(document, gone, kept, self._record)
 
-    def _plan_ground(self, document: Document, lost: Int64[ndarray, " l"], rng: np.random.Generator) -> FillPlan:
+    def _plan_ground(
+        self, document: Document, lost: Int64[ndarray, " l"], looks: tuple[Look, ...], rng: np.random.Generator
+    ) -> FillPlan:
         cells = np.array(self.cells, np.int64)
         grid = GroundGrid(self.corner, self.along, self.size, (1, 1), self.plane)
         middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
@@ -242,7 +246,10 @@ class FillHole(AppendEdit):
             known &= ~shaded
         lowest = self._find_parking_lines(document, grid)
         light = find_hole_light(document, ground, known, hole, lowest, lost)
-        return plan_fill(near, hole, ground, known, rng, lowest, light)
+        plan = plan_fill(near, hole, ground, known, rng, lowest, light)
+        feet = continue_uprights(near, looks, lambda places: find_filled_levels(ground, plan, places))
+        replaced = np.unique(np.concatenate([plan.replaced, *(each.replaced for each in feet)]))
+        return replace(plan, uprights=feet, replaced=replaced)
 
     def _find_beside(self, document: Document) -> tuple[StandingObject, ...]:
         numbers = [number for number in self.beside if number in document.scene.table]

@@ -1,0 +1,158 @@
+"""Feet of poles, trunks and what else stands narrow behind a deleted thing: photos showed it only above the thing.
+
+What hangs there is continued down to the ground by copies of its lowest piece that photos showed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from numpy import ndarray
+
+from instdrive_core.edits.holes.photo_evidence import Look
+from instdrive_core.edits.holes.surroundings import Neighborhood
+from instdrive_core.edits.queries.placement import SOLID_OPACITY
+
+LAYER = 0.1
+"""Metres per layer in which splats are counted."""
+LEAST_SHARE = 0.5
+"""Share of the splats of the layers above it that the lowest layer must have …"""
+LAYERS_ABOVE = 8
+"""… of so many of them: what photos never showed is thin, and spread out."""
+PIECE = 0.4
+"""Metres of height that are copied …"""
+LEAST_PIECE = 0.15
+"""… and at least."""
+MIN_SPLATS = 8
+"""Solid splats of a piece."""
+MAX_WIDTH = 0.8
+"""Metres: what is wider is a wall, a crown or a vehicle."""
+GAPS = (0.25, 2.0)
+"""Metres above the ground at which something hangs that would stand there. Cars hide no more, and the plates of signs
+hang higher."""
+HIDDEN_SHARE = 0.7
+"""Share of the way down to the ground that photos must show within the deleted thing's silhouette."""
+BESIDE = 0.2
+"""Metres beside a piece within which something else carries it …"""
+BESIDE_SHARE = 0.3
+"""… if that has so many splats there for each of the piece's."""
+RAGGED = 0.3
+"""Metres around a piece within which splats of its instance below it are what photos never showed."""
+_STEPS = 8
+_TRIM = 0.05
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """How one upright thing goes on down to the ground."""
+
+    copied: Int64[ndarray, " c"]
+    """Rows of the document, each as often as it is copied."""
+    drops: Float64[ndarray, " c"]
+    """Metres by which each copy is lower."""
+    replaced: Int64[ndarray, " r"]
+    """Rows of the document below the piece, which the copies replace."""
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """The lowest piece that photos showed of something narrow; places count in the neighbourhood."""
+
+    rows: Int64[ndarray, " p"]
+    bottom: float
+    """Height of its lower end in the world, metres."""
+    height: float
+    middle: Float64[ndarray, "2"]
+    half: Float64[ndarray, "2"]
+
+
+def continue_uprights(
+    near: Neighborhood, looks: Sequence[Look], find_levels: Callable[[Float64[ndarray, "k 2"]], Float64[ndarray, " k"]]
+) -> tuple[Continuation, ...]:
+    """Continue what hangs behind a deleted thing, which the `looks` show, down to the ground.
+
+    `near` are the splats that stay, `find_levels` gives the ground's height (metres in the world) at x and y.
+    """
+    found = []
+    for members in _list_members(near):
+        piece = _find_lowest_piece(near, members)
+        if piece is None or _is_carried(near, members, piece):
+            continue
+        level = float(find_levels(piece.middle[None])[0])
+        if GAPS[0] <= piece.bottom - level <= GAPS[1] and _is_hidden(piece, level, looks):
+            found.append(_continue(near, members, piece, level))
+    return tuple(found)
+
+
+def _list_members(near: Neighborhood) -> Iterator[Int64[ndarray, " m"]]:
+    order = np.argsort(near.instance_ids, kind="stable")
+    ids = near.instance_ids[order]
+    starts = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]]) if len(ids) else np.zeros(0, np.int64)
+    for members in np.split(order, starts[1:]):
+        if len(members) >= MIN_SPLATS and near.instance_ids[members[0]]:
+            yield members
+
+
+def _find_lowest_piece(near: Neighborhood, members: Int64[ndarray, " m"]) -> _Piece | None:
+    """The lowest piece of an instance above what is thin; None where it is wide or too low."""
+    solid = members[near.opacities[members] >= SOLID_OPACITY]
+    heights = near.means[solid, 2].astype(np.float64)
+    if len(solid) < MIN_SPLATS:
+        return None
+    layers = np.floor((heights - heights.min()) / LAYER).astype(np.int64)
+    counts = np.bincount(layers)
+    for layer in np.flatnonzero(counts).tolist():
+        above = counts[layer + 1 : layer + 1 + LAYERS_ABOVE]
+        above = above[above > 0]
+        if not len(above):
+            return None
+        if counts[layer] >= LEAST_SHARE * np.median(above):
+            break
+    bottom = float(heights.min() + LAYER * layer)
+    piece = solid[(heights >= bottom) & (heights < bottom + PIECE)]
+    height = min(PIECE, float(heights.max()) - bottom)
+    if len(piece) < MIN_SPLATS or height < LEAST_PIECE:
+        return None
+    low, high = np.quantile(near.means[piece, :2].astype(np.float64), [_TRIM, 1 - _TRIM], axis=0)
+    if (high - low > MAX_WIDTH).any():
+        return None
+    return _Piece(piece, bottom, height, (low + high) / 2, (high - low) / 2)
+
+
+def _is_carried(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece) -> bool:
+    """Whether something else stands right beside it, such as the wall that it is mounted on."""
+    offsets = np.abs(near.means[:, :2] - piece.middle) <= piece.half + BESIDE
+    heights = near.means[:, 2] - piece.bottom
+    beside = offsets.all(axis=1) & (heights >= 0) & (heights < piece.height) & (near.opacities >= SOLID_OPACITY)
+    beside[members] = False
+    return bool(np.count_nonzero(beside) > BESIDE_SHARE * len(piece.rows))
+
+
+def _is_hidden(piece: _Piece, level: float, looks: Sequence[Look]) -> bool:
+    """Whether the deleted thing stood before the way from the piece down to the ground."""
+    heights = np.linspace(piece.bottom, level, _STEPS + 2)[1:-1]
+    points = np.c_[np.tile(piece.middle, (_STEPS, 1)), heights]
+    hidden = np.zeros(_STEPS, bool)
+    for look in looks:
+        pixels, depths = look.camera.project(points)
+        height, width = look.silhouette.shape
+        columns, lines = np.floor(np.where(depths[:, None] > look.nearest, pixels, -1)).T
+        inside = (columns >= 0) & (columns < width) & (lines >= 0) & (lines < height)
+        hidden[inside] |= look.silhouette[lines[inside].astype(np.int64), columns[inside].astype(np.int64)]
+    return bool(hidden.mean() >= HIDDEN_SHARE)
+
+
+def _continue(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece, level: float) -> Continuation:
+    heights = near.means[members, 2].astype(np.float64) - piece.bottom
+    close = (np.abs(near.means[members, :2] - piece.middle) <= piece.half + RAGGED).all(axis=1)
+    source = close & (heights >= 0) & (heights < piece.height)
+    count = int(np.ceil((piece.bottom - level) / piece.height))
+    drops = np.repeat(piece.height * np.arange(1, count + 1), np.count_nonzero(source))
+    stays = np.tile(heights[source], count) - drops > level - piece.bottom
+    replaced = close & (heights < 0) & ~near.locked[members]
+    return Continuation(
+        np.tile(near.rows[members[source]], count)[stays], drops[stays], np.sort(near.rows[members[replaced]])
+    )

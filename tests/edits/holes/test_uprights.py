@@ -1,0 +1,103 @@
+"""What stands narrow behind a deleted car, whose photos showed only its upper part, goes on down to the ground."""
+
+import numpy as np
+import pytest
+from parked_street import CAR, CAR_CENTER, KERB, NAMES, PAVEMENT, parked_street, scene_of
+
+from instdrive_core.edits.deletions.deletion_report import report_deletion
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.holes.photo_evidence import Look
+from instdrive_core.edits.holes.surroundings import find_neighborhood
+from instdrive_core.edits.holes.uprights import continue_uprights
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.scene.camera import Camera, look_at
+from instdrive_core.scene.selection import Flag
+
+POLE, PLACE = 9, np.array([3.4, 0.3])
+HANGS = 1.2
+"""Metres above the road's height at which what photos showed of the pole begins."""
+FOOT = 0.02 * PLACE[1] + KERB
+
+
+def make_street(bottom=HANGS, width=0.0, beside=0.0):
+    """The parked street with a pole behind the car, whose splats begin `bottom` metres up, on a wall `beside` it."""
+    rng, scene = np.random.default_rng(2), parked_street().scene
+    heights = np.arange(bottom, 3.5, 0.02)
+    pole = np.c_[np.tile(PLACE, (len(heights), 1)) + rng.uniform(-0.5, 0.5, (len(heights), 2)) * width, heights]
+    parts, ids = [scene.gaussians.means, pole], [scene.instance_ids, np.full(len(pole), POLE)]
+    if beside:
+        parts.append(pole + np.array([beside, 0, 0]))
+        ids.append(np.full(len(pole), PAVEMENT))
+    colors = [color_from_dc(scene.gaussians.sh_dc), np.tile([0.1, 0.6, 0.1], (sum(map(len, parts[1:])), 1))]
+    NAMES.setdefault(POLE, "pole")
+    return scene_of(rng, np.concatenate(parts), np.concatenate(ids), np.concatenate(colors), scene.views)
+
+
+def make_look(holds):
+    """A photo from the street, in which the car hides everything, or nothing."""
+    eye = np.array([-4.0, 0.0, 1.8])
+    camera = Camera(200.0, 200.0, 200.0, 120.0, 400, 240, look_at(eye, np.array([3.4, 0.0, 0.6])))
+    silhouette = np.full((240, 400), holds)
+    return Look(camera, 0.0, silhouette, silhouette, 4.0, CAR_CENTER)
+
+
+def find_feet(scene, holds=True):
+    document = Document(scene)
+    document.apply(DeleteInstances((CAR,)))
+    near = find_neighborhood(document, CAR_CENTER)
+    return continue_uprights(near, (make_look(holds),), lambda places: np.full(len(places), FOOT))
+
+
+def test_copies_reach_from_the_ground_to_what_was_seen():
+    scene = make_street()
+    (foot,) = find_feet(scene)
+    assert (scene.instance_ids[foot.copied] == POLE).all()
+    heights = np.sort(scene.gaussians.means[foot.copied, 2] - foot.drops)
+    assert FOOT < heights[0] < FOOT + 0.05
+    assert HANGS - 0.05 < heights[-1] < HANGS + 1e-6
+    assert np.diff(heights).max() < 0.06, "without a gap"
+
+
+def test_thin_noise_below_it_is_replaced():
+    scene = make_street()
+    noise = np.flatnonzero((scene.instance_ids == POLE) & (scene.gaussians.means[:, 2] > HANGS))[::25]
+    scene.gaussians.means[noise, 2] -= 0.7
+    low = noise[scene.gaussians.means[noise, 2] < HANGS - 0.1]
+    assert len(low)
+    (foot,) = find_feet(scene)
+    np.testing.assert_array_equal(np.intersect1d(foot.replaced, low), low)
+
+
+@pytest.mark.parametrize(
+    ("street", "holds"),
+    [
+        ({}, False),
+        ({"bottom": FOOT + 0.1}, True),
+        ({"bottom": 2.4}, True),
+        ({"width": 1.4}, True),
+        ({"beside": 0.15}, True),
+    ],
+    ids=["seen down to the ground", "standing", "out of reach", "wide", "carried by a wall"],
+)
+def test_what_stands_or_hangs_for_a_reason_stays(street, holds):
+    assert find_feet(make_street(**street), holds) == ()
+
+
+def test_the_fill_puts_the_pole_on_the_ground_and_undo_takes_it_back():
+    scene = make_street()
+    document = Document(scene)
+    document.apply(DeleteInstances((CAR,)))
+    count = len(document.scene)
+    report = report_deletion(document, (CAR,), 0.0)
+    (edit,) = report.make_fill_edits()
+    document.apply(edit)
+    means, alive = document.scene.gaussians.means, (document.state.flags & Flag.DELETED) == 0
+    column = alive & (np.linalg.norm(means[:, :2] - PLACE, axis=1) < 0.1) & (means[:, 2] > FOOT + 0.06)
+    assert np.count_nonzero(column[count:]) >= 40
+    heights = np.sort(means[column, 2])
+    assert heights[0] < FOOT + 0.2
+    assert heights[-1] > 3.4
+    assert np.diff(heights).max() < 0.15, "without a gap"
+    document.undo()
+    assert len(document.scene) == count
