@@ -104,13 +104,9 @@ def _find_lowest_piece(near: Neighborhood, members: Int64[ndarray, " m"]) -> _Pi
         return None
     layers = np.floor((heights - heights.min()) / LAYER).astype(np.int64)
     counts = np.bincount(layers)
-    for layer in np.flatnonzero(counts).tolist():
-        above = counts[layer + 1 : layer + 1 + LAYERS_ABOVE]
-        above = above[above > 0]
-        if not len(above):
-            return None
-        if counts[layer] >= LEAST_SHARE * np.median(above):
-            break
+    layer = next((layer for layer in range(len(counts)) if _is_dense(counts, layer)), None)
+    if layer is None:
+        return None
     bottom = float(heights.min() + LAYER * layer)
     piece = solid[(heights >= bottom) & (heights < bottom + PIECE)]
     height = min(PIECE, float(heights.max()) - bottom)
@@ -120,6 +116,11 @@ def _find_lowest_piece(near: Neighborhood, members: Int64[ndarray, " m"]) -> _Pi
     if (high - low > MAX_WIDTH).any():
         return None
     return _Piece(piece, bottom, height, (low + high) / 2, (high - low) / 2)
+
+
+def _is_dense(counts: Int64[ndarray, " l"], layer: int) -> bool:
+    above = counts[layer + 1 : layer + 1 + LAYERS_ABOVE]
+    return counts[layer] > 0 and above.any() and counts[layer] >= LEAST_SHARE * np.median(above[above > 0])
 
 
 def _is_carried(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece) -> bool:
