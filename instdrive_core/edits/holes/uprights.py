@@ -1,6 +1,7 @@
-"""Feet of poles, trunks and what else stands narrow behind a deleted thing: photos showed it only above the thing.
+"""Feet of poles and trunks behind a deleted thing, of which photos showed only what is above the thing.
 
-What hangs there is continued down to the ground by copies of its lowest piece that photos showed.
+They are continued down to the ground by copies of their lowest piece that photos showed. People, bins and bushes are
+not: nobody knows from a torso what legs look like.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ LEAST_SHARE = 0.5
 LAYERS_ABOVE = 8
 """… of so many of them: what photos never showed is thin, and spread out."""
 PIECE = 0.4
-"""Metres of height that are copied …"""
-LEAST_PIECE = 0.15
-"""… and at least."""
+"""Metres of height that are copied."""
+MAX_TAPER = 1.5
+"""Factor by which the piece above that one may be narrower or wider."""
 MIN_SPLATS = 8
 """Solid splats of a piece."""
 MAX_WIDTH = 0.8
@@ -64,7 +65,6 @@ class _Piece:
     rows: Int64[ndarray, " p"]
     bottom: float
     """Height of its lower end in the world, metres."""
-    height: float
     middle: Float64[ndarray, "2"]
     half: Float64[ndarray, "2"]
 
@@ -97,7 +97,8 @@ def _list_members(near: Neighborhood) -> Iterator[Int64[ndarray, " m"]]:
 
 
 def _find_lowest_piece(near: Neighborhood, members: Int64[ndarray, " m"]) -> _Piece | None:
-    """The lowest piece of an instance above what is thin; None where it is wide or too low."""
+    """The lowest piece of an instance above what is thin; None where that is no pole and no trunk: as wide as the piece
+    above it, and not wider than `MAX_WIDTH`."""
     solid = members[near.opacities[members] >= SOLID_OPACITY]
     heights = near.means[solid, 2].astype(np.float64)
     if len(solid) < MIN_SPLATS:
@@ -108,26 +109,31 @@ def _find_lowest_piece(near: Neighborhood, members: Int64[ndarray, " m"]) -> _Pi
     if layer is None:
         return None
     bottom = float(heights.min() + LAYER * layer)
-    piece = solid[(heights >= bottom) & (heights < bottom + PIECE)]
-    height = min(PIECE, float(heights.max()) - bottom)
-    if len(piece) < MIN_SPLATS or height < LEAST_PIECE:
+    piece, above = (solid[(heights >= low) & (heights < low + PIECE)] for low in (bottom, bottom + PIECE))
+    if len(piece) < MIN_SPLATS or len(above) < LEAST_SHARE * len(piece):
         return None
-    low, high = np.quantile(near.means[piece, :2].astype(np.float64), [_TRIM, 1 - _TRIM], axis=0)
-    if (high - low > MAX_WIDTH).any():
+    (low, high), (low_above, high_above) = (_measure_outline(near, rows) for rows in (piece, above))
+    width, width_above = (high - low).max(), (high_above - low_above).max()
+    if width > MAX_WIDTH or max(width, width_above) > MAX_TAPER * min(width, width_above) + BESIDE / 2:
         return None
-    return _Piece(piece, bottom, height, (low + high) / 2, (high - low) / 2)
+    return _Piece(piece, bottom, (low + high) / 2, (high - low) / 2)
+
+
+def _measure_outline(near: Neighborhood, rows: Int64[ndarray, " k"]) -> Float64[ndarray, "2 2"]:
+    """Smallest and largest x and y, strays left out."""
+    return np.quantile(near.means[rows, :2].astype(np.float64), [_TRIM, 1 - _TRIM], axis=0)
 
 
 def _is_dense(counts: Int64[ndarray, " l"], layer: int) -> bool:
     above = counts[layer + 1 : layer + 1 + LAYERS_ABOVE]
-    return counts[layer] > 0 and above.any() and counts[layer] >= LEAST_SHARE * np.median(above[above > 0])
+    return bool(above.any() and counts[layer] and counts[layer] >= LEAST_SHARE * np.median(above[above > 0]))
 
 
 def _is_carried(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece) -> bool:
     """Whether something else stands right beside it, such as the wall that it is mounted on."""
     offsets = np.abs(near.means[:, :2] - piece.middle) <= piece.half + BESIDE
     heights = near.means[:, 2] - piece.bottom
-    beside = offsets.all(axis=1) & (heights >= 0) & (heights < piece.height) & (near.opacities >= SOLID_OPACITY)
+    beside = offsets.all(axis=1) & (heights >= 0) & (heights < PIECE) & (near.opacities >= SOLID_OPACITY)
     beside[members] = False
     return bool(np.count_nonzero(beside) > BESIDE_SHARE * len(piece.rows))
 
@@ -149,9 +155,9 @@ def _is_hidden(piece: _Piece, level: float, looks: Sequence[Look]) -> bool:
 def _continue(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece, level: float) -> Continuation:
     heights = near.means[members, 2].astype(np.float64) - piece.bottom
     close = (np.abs(near.means[members, :2] - piece.middle) <= piece.half + RAGGED).all(axis=1)
-    source = close & (heights >= 0) & (heights < piece.height)
-    count = int(np.ceil((piece.bottom - level) / piece.height))
-    drops = np.repeat(piece.height * np.arange(1, count + 1), np.count_nonzero(source))
+    source = close & (heights >= 0) & (heights < PIECE)
+    count = int(np.ceil((piece.bottom - level) / PIECE))
+    drops = np.repeat(PIECE * np.arange(1, count + 1), np.count_nonzero(source))
     stays = np.tile(heights[source], count) - drops > level - piece.bottom
     replaced = close & (heights < 0) & ~near.locked[members]
     return Continuation(

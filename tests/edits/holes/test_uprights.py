@@ -20,11 +20,15 @@ HANGS = 1.2
 FOOT = 0.02 * PLACE[1] + KERB
 
 
-def make_street(bottom=HANGS, width=0.0, beside=0.0):
-    """The parked street with a pole behind the car, whose splats begin `bottom` metres up, on a wall `beside` it."""
+def make_street(bottom=HANGS, top=3.5, width=0.0, flare=0.0, beside=0.0):
+    """The parked street with a pole behind the car, whose splats begin `bottom` metres up, on a wall `beside` it. Its
+    `width` grows by the `flare` for each metre of height."""
     rng, scene = np.random.default_rng(2), parked_street().scene
-    heights = np.arange(bottom, 3.5, 0.02)
-    pole = np.c_[np.tile(PLACE, (len(heights), 1)) + rng.uniform(-0.5, 0.5, (len(heights), 2)) * width, heights]
+    heights = np.arange(bottom, top, 0.02)
+    widths = width + flare * (heights - bottom)
+    pole = np.c_[
+        np.tile(PLACE, (len(heights), 1)) + rng.uniform(-0.5, 0.5, (len(heights), 2)) * widths[:, None], heights
+    ]
     parts, ids = [scene.gaussians.means, pole], [scene.instance_ids, np.full(len(pole), POLE)]
     if beside:
         parts.append(pole + np.array([beside, 0, 0]))
@@ -77,8 +81,10 @@ def test_thin_noise_below_it_is_replaced():
         ({"bottom": 2.4}, True),
         ({"width": 1.4}, True),
         ({"beside": 0.15}, True),
+        ({"top": HANGS + 0.5, "width": 0.4}, True),
+        ({"width": 0.2, "flare": 1.0}, True),
     ],
-    ids=["seen down to the ground", "standing", "out of reach", "wide", "carried by a wall"],
+    ids=["seen down to the ground", "standing", "out of reach", "wide", "carried by a wall", "a box", "a crown"],
 )
 def test_what_stands_or_hangs_for_a_reason_stays(street, holds):
     assert find_feet(make_street(**street), holds) == ()
