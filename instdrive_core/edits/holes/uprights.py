@@ -27,6 +27,8 @@ PIECE = 0.4
 """Metres of height that are copied."""
 MAX_TAPER = 1.5
 """Factor by which the piece above that one may be narrower or wider."""
+MIN_SLENDER = 2.0
+"""Times as high as wide that what is continued must be."""
 MIN_SPLATS = 8
 """Solid splats of a piece."""
 MAX_WIDTH = 0.8
@@ -114,6 +116,8 @@ def _find_lowest_piece(near: Neighborhood, members: Int64[ndarray, " m"]) -> _Pi
         return None
     (low, high), (low_above, high_above) = (_measure_outline(near, rows) for rows in (piece, above))
     width, width_above = (high - low).max(), (high_above - low_above).max()
+    if float(heights.max()) - bottom < MIN_SLENDER * width:
+        return None
     if width > MAX_WIDTH or max(width, width_above) > MAX_TAPER * min(width, width_above) + BESIDE / 2:
         return None
     return _Piece(piece, bottom, (low + high) / 2, (high - low) / 2)
