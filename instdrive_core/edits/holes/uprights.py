@@ -42,6 +42,8 @@ BESIDE = 0.2
 """Metres beside a piece within which something else carries it …"""
 BESIDE_SHARE = 0.3
 """… if that has so many splats there for each of the piece's."""
+SUPPORT_SHARE = 0.5
+"""Share of the height below a piece in which something else must be for the piece to stand on it."""
 RAGGED = 0.3
 """Metres around a piece within which splats of its instance below it are what photos never showed."""
 _STEPS = 8
@@ -84,7 +86,8 @@ def continue_uprights(
         if piece is None or _is_carried(near, members, piece):
             continue
         level = float(find_levels(piece.middle[None])[0])
-        if GAPS[0] <= piece.bottom - level <= GAPS[1] and _is_hidden(piece, level, looks):
+        hangs = GAPS[0] <= piece.bottom - level <= GAPS[1] and not _is_supported(near, members, piece, level)
+        if hangs and _is_hidden(piece, level, looks):
             found.append(_continue(near, members, piece, level))
     return tuple(found)
 
@@ -140,6 +143,15 @@ def _is_carried(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece
     beside = offsets.all(axis=1) & (heights >= 0) & (heights < PIECE) & (near.opacities >= SOLID_OPACITY)
     beside[members] = False
     return bool(np.count_nonzero(beside) > BESIDE_SHARE * len(piece.rows))
+
+
+def _is_supported(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece, level: float) -> bool:
+    """Whether something else stands below it already, such as a plinth, or what the fill of another hole has laid."""
+    below = (np.abs(near.means[:, :2] - piece.middle) <= piece.half + LAYER / 2).all(axis=1)
+    below &= (near.means[:, 2] > level + LAYER) & (near.means[:, 2] < piece.bottom) & (near.opacities >= SOLID_OPACITY)
+    below[members] = False
+    layers = np.unique(np.floor((near.means[below, 2] - level) / LAYER))
+    return bool(len(layers) * LAYER >= SUPPORT_SHARE * (piece.bottom - level - LAYER))
 
 
 def _is_hidden(piece: _Piece, level: float, looks: Sequence[Look]) -> bool:

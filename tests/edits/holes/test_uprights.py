@@ -38,6 +38,14 @@ def make_street(bottom=HANGS, top=3.5, width=0.0, flare=0.0, beside=0.0):
     return scene_of(rng, np.concatenate(parts), np.concatenate(ids), np.concatenate(colors), scene.views)
 
 
+def add_support(scene):
+    """Another thing in place of what is missing of the pole."""
+    pole, low = np.flatnonzero(scene.instance_ids == POLE), HANGS + 1
+    upper = pole[scene.gaussians.means[pole, 2] > low]
+    scene.instance_ids[upper] = PAVEMENT
+    scene.gaussians.means[upper, 2] -= low - FOOT
+
+
 def make_look(holds):
     """A photo from the street, in which the car hides everything, or nothing."""
     eye = np.array([-4.0, 0.0, 1.8])
@@ -88,6 +96,13 @@ def test_thin_noise_below_it_is_replaced():
 )
 def test_what_stands_or_hangs_for_a_reason_stays(street, holds):
     assert find_feet(make_street(**street), holds) == ()
+
+
+def test_what_stands_on_something_stays():
+    scene = make_street()
+    assert find_feet(scene)
+    add_support(scene)
+    assert find_feet(scene) == ()
 
 
 def test_the_fill_puts_the_pole_on_the_ground_and_undo_takes_it_back():
