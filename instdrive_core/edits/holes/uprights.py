@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
+from scipy import ndimage
 
 from instdrive_core.edits.holes.photo_evidence import Look
 from instdrive_core.edits.holes.surroundings import Neighborhood
@@ -46,6 +47,10 @@ SUPPORT_SHARE = 0.5
 """Share of the height below a piece in which something else must be for the piece to stand on it."""
 RAGGED = 0.3
 """Metres around a piece within which splats of its instance below it are what photos never showed."""
+HIGHEST = 3.0
+"""Metres above the ground up to which is looked: above, crowns and cables join what stands apart."""
+APART = 0.2
+"""Metres per side of the cells in the plane, of which one must be free between two parts."""
 _STEPS = 8
 _TRIM = 0.05
 
@@ -80,25 +85,34 @@ def continue_uprights(
 
     `near` are the splats that stay, `find_levels` gives the ground's height (metres in the world) at x and y.
     """
+    low = np.flatnonzero(near.means[:, 2] - find_levels(near.means[:, :2].astype(np.float64)) < HIGHEST)
     found = []
-    for members in _list_members(near):
+    for members in _list_parts(near, low[near.instance_ids[low] > 0]):
         piece = _find_lowest_piece(near, members)
         if piece is None or _is_carried(near, members, piece):
             continue
         level = float(find_levels(piece.middle[None])[0])
-        hangs = GAPS[0] <= piece.bottom - level <= GAPS[1] and not _is_supported(near, members, piece, level)
+        hangs = GAPS[0] <= piece.bottom - level <= GAPS[1] and not _is_supported(near, piece, level)
         if hangs and _is_hidden(piece, level, looks):
             found.append(_continue(near, members, piece, level))
     return tuple(found)
 
 
-def _list_members(near: Neighborhood) -> Iterator[Int64[ndarray, " m"]]:
-    order = np.argsort(near.instance_ids, kind="stable")
-    ids = near.instance_ids[order]
-    starts = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]]) if len(ids) else np.zeros(0, np.int64)
-    for members in np.split(order, starts[1:]):
-        if len(members) >= MIN_SPLATS and near.instance_ids[members[0]]:
-            yield members
+def _list_parts(near: Neighborhood, rows: Int64[ndarray, " k"]) -> Iterator[Int64[ndarray, " m"]]:
+    """The rows, instance by instance, in parts that are apart in the plane: poles of one label may be many."""
+    for number in np.unique(near.instance_ids[rows]).tolist():
+        members = rows[near.instance_ids[rows] == number]
+        if len(members) < MIN_SPLATS:
+            continue
+        cells = np.floor(near.means[members, :2] / APART).astype(np.int64)
+        cells -= cells.min(axis=0)
+        taken = np.zeros(cells.max(axis=0) + 1, bool)
+        taken[tuple(cells.T)] = True
+        parts = np.zeros(taken.shape, np.int32)
+        count = ndimage.label(taken, np.ones((3, 3)), output=parts)
+        part_of = parts[tuple(cells.T)]
+        for part in range(1, count + 1):
+            yield members[part_of == part]
 
 
 def _find_lowest_piece(near: Neighborhood, members: Int64[ndarray, " m"]) -> _Piece | None:
@@ -145,11 +159,11 @@ def _is_carried(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece
     return bool(np.count_nonzero(beside) > BESIDE_SHARE * len(piece.rows))
 
 
-def _is_supported(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece, level: float) -> bool:
+def _is_supported(near: Neighborhood, piece: _Piece, level: float) -> bool:
     """Whether something else stands below it already, such as a plinth, or what the fill of another hole has laid."""
     below = (np.abs(near.means[:, :2] - piece.middle) <= piece.half + LAYER / 2).all(axis=1)
     below &= (near.means[:, 2] > level + LAYER) & (near.means[:, 2] < piece.bottom) & (near.opacities >= SOLID_OPACITY)
-    below[members] = False
+    below &= near.instance_ids != near.instance_ids[piece.rows[0]]
     layers = np.unique(np.floor((near.means[below, 2] - level) / LAYER))
     return bool(len(layers) * LAYER >= SUPPORT_SHARE * (piece.bottom - level - LAYER))
 
@@ -175,7 +189,6 @@ def _continue(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece, 
     count = int(np.ceil((piece.bottom - level) / PIECE))
     drops = np.repeat(PIECE * np.arange(1, count + 1), np.count_nonzero(source))
     stays = np.tile(heights[source], count) - drops > level - piece.bottom
-    replaced = close & (heights < 0) & ~near.locked[members]
-    return Continuation(
-        np.tile(near.rows[members[source]], count)[stays], drops[stays], np.sort(near.rows[members[replaced]])
-    )
+    ragged = (np.abs(near.means[:, :2] - piece.middle) <= piece.half + RAGGED).all(axis=1) & ~near.locked
+    ragged &= (near.means[:, 2] < piece.bottom) & (near.instance_ids == near.instance_ids[piece.rows[0]])
+    return Continuation(np.tile(near.rows[members[source]], count)[stays], drops[stays], np.sort(near.rows[ragged]))

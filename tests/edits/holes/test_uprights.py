@@ -98,6 +98,16 @@ def test_what_stands_or_hangs_for_a_reason_stays(street, holds):
     assert find_feet(make_street(**street), holds) == ()
 
 
+def test_two_poles_of_one_label_are_two():
+    scene = make_street()
+    other = np.flatnonzero(scene.instance_ids == PAVEMENT)[:120]
+    pole = scene.gaussians.means[scene.instance_ids == POLE]
+    scene.gaussians.means[other[: len(pole)]] = pole + np.float32([0, 1.5, 0])
+    scene.instance_ids[other[: len(pole)]] = POLE
+    scene.gaussians.log_scales[other[: len(pole)]] = scene.gaussians.log_scales[scene.instance_ids == POLE][0]
+    assert len(find_feet(scene)) == 2
+
+
 def test_what_stands_on_something_stays():
     scene = make_street()
     assert find_feet(scene)
