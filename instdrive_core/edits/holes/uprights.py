@@ -109,9 +109,9 @@ def _list_parts(near: Neighborhood, rows: Int64[ndarray, " k"]) -> Iterator[Int6
         taken = np.zeros(cells.max(axis=0) + 1, bool)
         taken[tuple(cells.T)] = True
         parts = np.zeros(taken.shape, np.int32)
-        count = ndimage.label(taken, np.ones((3, 3)), output=parts)
+        ndimage.label(taken, np.ones((3, 3)), output=parts)
         part_of = parts[tuple(cells.T)]
-        for part in range(1, count + 1):
+        for part in range(1, int(parts.max()) + 1):
             yield members[part_of == part]
 
 
