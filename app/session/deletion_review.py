@@ -329,16 +329,12 @@ class DeletionReview:
         def finish(found: DeletionFindings | None) -> None:
             if found is None or self._context.document is not document:
                 return
-            if not found.is_current:
-                if is_told and found.report.lacks_ground:
-                    self._messages.info(phrase("{title}: {summary}", title=found.title, summary=found.report.summary))
-                return
-            if edit is not None and _is_filled(document, found):
-                return
-            for older in self._findings:  # what the photos showed takes tens of megabytes
-                older.report = older.report.forget_photos()
-            self._findings.append(found)
-            if is_told:
+            is_left = found.is_current and not (edit is not None and _is_filled(document, found))
+            if is_left:
+                for older in self._findings:  # what the photos showed takes tens of megabytes
+                    older.report = older.report.forget_photos()
+                self._findings.append(found)
+            if is_told and (is_left or found.report.lacks_ground):
                 summary = (
                     phrase("{hole} where it stood", hole=found.report.hole_text) if is_move else found.report.summary
                 )

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy import ndimage
-from scipy.spatial import KDTree
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_light import GroundLight
@@ -159,8 +158,9 @@ def find_filled_levels(ground: GroundMap, plan: FillPlan, places: Float64[ndarra
     cells = np.clip(grid.find_cells(places), 0, np.array(grid.shape) - 1)
     levels = grid.lift_to_ground(places)[:, 2] + ground.height[tuple(cells.T)]
     if len(plan.tiles):
-        away, nearest = KDTree(plan.tiles[:, :2]).query(places)
-        levels = np.where(away <= grid.size, plan.tiles[nearest, 2], levels)
+        nearest = plan.tiles[find_nearest_rows(plan.tiles[:, :2], places)]
+        away = np.linalg.norm(nearest[:, :2] - places, axis=1)
+        levels = np.where(away <= grid.size, nearest[:, 2], levels)
     return levels
 
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
-from scipy import ndimage
 
 from instdrive_core.edits.holes.photo_evidence import Look
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.edits.queries.placement import SOLID_OPACITY
+from instdrive_core.maths.cells import connect_cells
 
 LAYER = 0.1
 """Metres per layer in which splats are counted."""
@@ -104,14 +104,10 @@ def _list_parts(near: Neighborhood, rows: Int64[ndarray, " k"]) -> Iterator[Int6
         members = rows[near.instance_ids[rows] == number]
         if len(members) < MIN_SPLATS:
             continue
-        cells = np.floor(near.means[members, :2] / APART).astype(np.int64)
-        cells -= cells.min(axis=0)
-        taken = np.zeros(cells.max(axis=0) + 1, bool)
-        taken[tuple(cells.T)] = True
-        parts = np.zeros(taken.shape, np.int32)
-        ndimage.label(taken, np.ones((3, 3)), output=parts)
-        part_of = parts[tuple(cells.T)]
-        for part in range(1, int(parts.max()) + 1):
+        places = np.floor(near.means[members, :2] / APART).astype(np.int64)
+        cells, cell_of = np.unique(places, axis=0, return_inverse=True)
+        part_of = connect_cells(np.c_[cells, np.zeros(len(cells), np.int64)])[cell_of.ravel()]
+        for part in range(int(part_of.max()) + 1):
             yield members[part_of == part]
 
 
@@ -183,12 +179,11 @@ def _is_hidden(piece: _Piece, level: float, looks: Sequence[Look]) -> bool:
 
 
 def _continue(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece, level: float) -> Continuation:
-    heights = near.means[members, 2].astype(np.float64) - piece.bottom
-    close = (np.abs(near.means[members, :2] - piece.middle) <= piece.half + RAGGED).all(axis=1)
-    source = close & (heights >= 0) & (heights < PIECE)
+    close = (np.abs(near.means[:, :2] - piece.middle) <= piece.half + RAGGED).all(axis=1)
+    heights = near.means[:, 2].astype(np.float64) - piece.bottom
+    source = members[(close & (heights >= 0) & (heights < PIECE))[members]]
     count = int(np.ceil((piece.bottom - level) / PIECE))
-    drops = np.repeat(PIECE * np.arange(1, count + 1), np.count_nonzero(source))
-    stays = np.tile(heights[source], count) - drops > level - piece.bottom
-    ragged = (np.abs(near.means[:, :2] - piece.middle) <= piece.half + RAGGED).all(axis=1) & ~near.locked
-    ragged &= (near.means[:, 2] < piece.bottom) & (near.instance_ids == near.instance_ids[piece.rows[0]])
-    return Continuation(np.tile(near.rows[members[source]], count)[stays], drops[stays], np.sort(near.rows[ragged]))
+    copied, drops = np.tile(source, count), np.repeat(PIECE * np.arange(1, count + 1), len(source))
+    stays = heights[copied] - drops > level - piece.bottom
+    ragged = close & (heights < 0) & ~near.locked & (near.instance_ids == near.instance_ids[piece.rows[0]])
+    return Continuation(near.rows[copied[stays]], drops[stays], near.rows[ragged])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from parked_street import CAR, CAR_CENTER, KERB, NAMES, PAVEMENT, parked_street, scene_of
+from parked_street import CAR, CAR_CENTER, KERB, PAVEMENT, parked_street, scene_of
 
 from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
@@ -34,7 +34,6 @@ def make_street(bottom=HANGS, top=3.5, width=0.0, flare=0.0, beside=0.0):
         parts.append(pole + np.array([beside, 0, 0]))
         ids.append(np.full(len(pole), PAVEMENT))
     colors = [color_from_dc(scene.gaussians.sh_dc), np.tile([0.1, 0.6, 0.1], (sum(map(len, parts[1:])), 1))]
-    NAMES.setdefault(POLE, "pole")
     return scene_of(rng, np.concatenate(parts), np.concatenate(ids), np.concatenate(colors), scene.views)
 
 
