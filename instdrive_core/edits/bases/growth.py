@@ -55,7 +55,7 @@ class GrowInstance(AppendEdit):
         except Exception:
             self._drop_column(document)
             raise
-        self._select_like_others(document)
+        flag_like_others(document, self.id, self._count)
         self._flags_done = tuple(
             FlagChange(document.state.change(replaced, flag, on).astype(np.int32), flag, on)
             for flag, on in ((Flag.SELECTED, False), (Flag.DELETED, True))
@@ -71,18 +71,21 @@ class GrowInstance(AppendEdit):
         restore_entries(document, {self.id: self._entry_before})
         self._drop_column(document)
 
-    def _select_like_others(self, document: Document) -> None:
-        """Select what was added where the whole instance is selected: it still is then."""
-        added = np.arange(len(document.scene) - self._count, len(document.scene))
-        others = np.setdiff1d(document.find_rows((self.id,)), added)
-        flags = document.state.flags[others]
-        if (flags[(flags & Flag.DELETED) == 0] & Flag.SELECTED).all():
-            document.state.change(added, Flag.SELECTED, True)
-
     def _drop_column(self, document: Document) -> None:
         if self._new_column:
             del document.scene.extra[SYNTHETIC]
             self._new_column = False
+
+
+def flag_like_others(document: Document, number: int, count: int) -> None:
+    """Select and hide what was added to an instance, among the last `count` rows, where all the rest of it is."""
+    rows = document.find_rows((number,))
+    place = int(np.searchsorted(rows, len(document.scene) - count))
+    flags = document.state.flags[rows[:place]]
+    shared = int(np.bitwise_and.reduce(flags[(flags & Flag.DELETED) == 0], initial=255))
+    for flag in (Flag.SELECTED, Flag.HIDDEN):
+        if shared & flag:
+            document.state.change(rows[place:], flag, True)
 
 
 def find_shown_body(document: Document, number: int) -> Int64[ndarray, " k"]:

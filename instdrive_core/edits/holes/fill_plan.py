@@ -72,6 +72,12 @@ class FillPlan:
         """Rows of the document that all splats take their other columns from, in the order of `build_splats`."""
         return np.concatenate([self.tiles_like, *(each.copied for each in self.uprights), self.backdrop_like])
 
+    @property
+    def feet(self) -> slice:
+        """Which of these are the feet's."""
+        start = len(self.tiles_like)
+        return slice(start, start + sum(len(each.copied) for each in self.uprights))
+
     def build_splats(self, gaussians: Gaussians, transforms: TransformPalette) -> Gaussians:
         """Ground and backdrop, which look the same from everywhere, and feet; `gaussians` and `transforms` are the
         document's."""

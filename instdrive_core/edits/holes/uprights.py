@@ -81,13 +81,13 @@ class _Piece:
 def continue_uprights(
     near: Neighborhood, looks: Sequence[Look], find_levels: Callable[[Float64[ndarray, "k 2"]], Float64[ndarray, " k"]]
 ) -> tuple[Continuation, ...]:
-    """Continue what hangs behind a deleted thing, which the `looks` show, down to the ground.
+    """Continue what hangs behind a deleted thing, which the `looks` show, down to the ground; nothing that is locked.
 
     `near` are the splats that stay, `find_levels` gives the ground's height (metres in the world) at x and y.
     """
     low = np.flatnonzero(near.means[:, 2] - find_levels(near.means[:, :2].astype(np.float64)) < HIGHEST)
     found = []
-    for members in _list_parts(near, low[near.instance_ids[low] > 0]):
+    for members in _list_parts(near, low[(near.instance_ids[low] > 0) & ~near.locked[low]]):
         piece = _find_lowest_piece(near, members)
         if piece is None or _is_carried(near, members, piece):
             continue
@@ -185,5 +185,5 @@ def _continue(near: Neighborhood, members: Int64[ndarray, " m"], piece: _Piece, 
     count = int(np.ceil((piece.bottom - level) / PIECE))
     copied, drops = np.tile(source, count), np.repeat(PIECE * np.arange(1, count + 1), len(source))
     stays = heights[copied] - drops > level - piece.bottom
-    ragged = close & (heights < 0) & ~near.locked & (near.instance_ids == near.instance_ids[piece.rows[0]])
+    ragged = close & (heights < 0) & (near.instance_ids == near.instance_ids[piece.rows[0]])
     return Continuation(near.rows[copied[stays]], drops[stays], near.rows[ragged])

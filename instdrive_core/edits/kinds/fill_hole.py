@@ -12,6 +12,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.bases.append import Addition, AppendEdit
 from instdrive_core.edits.bases.flags import FlagChange
+from instdrive_core.edits.bases.growth import flag_like_others
 from instdrive_core.edits.bases.parameters import (
     check_ids,
     check_number,
@@ -20,7 +21,7 @@ from instdrive_core.edits.bases.parameters import (
     check_vector,
     is_whole,
 )
-from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
+from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances, restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
@@ -38,6 +39,7 @@ from instdrive_core.edits.holes.uprights import continue_uprights
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.compact_objects import select_solid_points
 from instdrive_core.errors import EditError
+from instdrive_core.instances.table import Instance
 from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
@@ -49,8 +51,8 @@ from instdrive_core.wording import phrase
 class FillHole(AppendEdit):
     """Clone neighbouring ground into cells whose ground was never seen, in place of what lies there.
 
-    Copies are marked as synthetic: by the column `synthetic` and an instance of their own. What the hole held, at
-    ground level and below, is deleted.
+    Copies are marked as synthetic: by the column `synthetic` and an instance of their own, but for the feet of poles
+    and trunks, which belong to these. What the hole held, at ground level and below, is deleted.
     """
 
     kind: ClassVar[str] = "fill_hole"
@@ -76,6 +78,7 @@ class FillHole(AppendEdit):
     beside: tuple[int, ...] = ()
     """Deleted instances around: where no fill has closed their holes, nothing is copied from there."""
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
+    _grown_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
     _new_column: bool = field(default=False, init=False, repr=False, compare=False)
     _filling: FillPlan | None = field(default=None, init=False, repr=False, compare=False)
     _planned_for: bytes = field(default=b"", init=False, repr=False, compare=False)
@@ -148,11 +151,15 @@ class FillHole(AppendEdit):
         self._new_column = SYNTHETIC not in document.scene.extra
         if self._new_column:
             document.scene.extra[SYNTHETIC] = np.zeros(len(document.scene), np.uint8)
+        owners = np.unique(document.scene.instance_ids[filling.likes[filling.feet]]).tolist()
+        self._grown_before = {number: document.scene.table[number] for number in owners}
         try:
             super().do(document)
         except Exception:
             self._drop_column(document)
             raise
+        for number in owners:
+            flag_like_others(document, number, self._count)
         self._flags_done = []
         for flag, on in ((Flag.SELECTED, False), (Flag.DELETED, True)):
             changed = document.state.change(filling.replaced, flag, on)
@@ -164,10 +171,11 @@ class FillHole(AppendEdit):
         for rows, flag, on in reversed(self._flags_done):
             document.state.change(rows, flag, not on)
         super().undo(document)
+        restore_entries(document, self._grown_before)
         self._drop_column(document)
 
     def build_addition(self, document: Document) -> Addition:
-        """Copies and bed under one new instance."""
+        """Ground and what stands behind under one new instance, feet under those that they belong to."""
         assert self._filling is not None
         filling, scene = self._filling, document.scene
         entry = replace(create_instances(document, [None])[0], name=self.name, class_name=SYNTHETIC)
@@ -175,9 +183,11 @@ class FillHole(AppendEdit):
         count = len(rows)
         extra = {name: column[rows] for name, column in scene.extra.items()}
         extra[SYNTHETIC] = np.ones(count, scene.extra[SYNTHETIC].dtype)
+        ids = np.full(count, entry.id, np.uint32)
+        ids[filling.feet] = scene.instance_ids[rows[filling.feet]]
         added = Scene(
             filling.build_splats(scene.gaussians, document.transforms),
-            np.full(count, entry.id, np.uint32),
+            ids,
             scene.codewords[rows],
             np.zeros(count, np.uint16),
             extra=extra,
@@ -185,7 +195,8 @@ class FillHole(AppendEdit):
         # What stands behind has the colours that are shown already.
         colors = document.colors.indices[rows]
         colors[count - len(filling.backdrop_like) :] = 0
-        return Addition(added, colors, np.zeros(count, np.uint16), (entry,))
+        grown = [scene.table[number] for number in np.unique(ids[filling.feet]).tolist()]
+        return Addition(added, colors, np.zeros(count, np.uint16), (entry, *grown))
 
     def _drop_column(self, document: Document) -> None:
         if self._new_column:

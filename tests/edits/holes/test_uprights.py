@@ -10,9 +10,11 @@ from instdrive_core.edits.holes.photo_evidence import Look
 from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.edits.holes.uprights import continue_uprights
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import compute_current_means
 
 POLE, PLACE = 9, np.array([3.4, 0.3])
 HANGS = 1.2
@@ -114,14 +116,30 @@ def test_what_stands_on_something_stays():
     assert find_feet(scene) == ()
 
 
-def test_the_fill_puts_the_pole_on_the_ground_and_undo_takes_it_back():
+def test_what_is_locked_stays():
     scene = make_street()
     document = Document(scene)
     document.apply(DeleteInstances((CAR,)))
-    count = len(document.scene)
-    report = report_deletion(document, (CAR,), 0.0)
-    (edit,) = report.make_fill_edits()
+    document.state.change(document.find_rows((POLE,)), Flag.LOCKED, True)
+    near = find_neighborhood(document, CAR_CENTER)
+    assert continue_uprights(near, (make_look(True),), lambda places: np.full(len(places), FOOT)) == ()
+
+
+def fill_behind_the_car(scene, *flags):
+    """Delete the car and fill its hole, once the pole has some flags."""
+    document = Document(scene)
+    document.apply(DeleteInstances((CAR,)))
+    for flag in flags:
+        document.state.change(document.find_rows((POLE,)), flag, True)
+    (edit,) = report_deletion(document, (CAR,), 0.0).make_fill_edits()
     document.apply(edit)
+    return document
+
+
+def test_the_fill_puts_the_pole_on_the_ground_and_undo_takes_it_back():
+    scene = make_street()
+    count, entry = len(scene), scene.table[POLE]
+    document = fill_behind_the_car(scene)
     means, alive = document.scene.gaussians.means, (document.state.flags & Flag.DELETED) == 0
     column = alive & (np.linalg.norm(means[:, :2] - PLACE, axis=1) < 0.1) & (means[:, 2] > FOOT + 0.06)
     assert np.count_nonzero(column[count:]) >= 40
@@ -129,5 +147,34 @@ def test_the_fill_puts_the_pole_on_the_ground_and_undo_takes_it_back():
     assert heights[0] < FOOT + 0.2
     assert heights[-1] > 3.4
     assert np.diff(heights).max() < 0.15, "without a gap"
+    grown = document.scene.table[POLE]
     document.undo()
     assert len(document.scene) == count
+    assert document.scene.table[POLE] == entry
+    document.redo()
+    assert document.scene.table[POLE] == grown
+
+
+def test_the_foot_is_the_pole_s():
+    scene = make_street()
+    count = len(scene)
+    document = fill_behind_the_car(scene)
+    rows = document.find_rows((POLE,))
+    foot = rows[rows >= count]
+    assert len(foot) >= 40
+    assert document.scene.table[POLE].count == len(rows)
+    assert document.scene.table[POLE].bounds[0][2] < FOOT + 0.3
+    assert (document.scene.extra["synthetic"][foot] == 1).all()
+    before = document.scene.gaussians.means[foot].copy()
+    document.apply(MoveInstances((POLE,), translation=(0.5, 0.0, 0.0)))
+    after = compute_current_means(document.scene.gaussians, document.transforms, foot)
+    np.testing.assert_allclose(after, before + [0.5, 0, 0], atol=1e-5)
+
+
+@pytest.mark.parametrize("flag", [Flag.SELECTED, Flag.HIDDEN])
+def test_the_foot_is_selected_and_hidden_as_the_pole_is(flag):
+    scene = make_street()
+    count = len(scene)
+    document = fill_behind_the_car(scene, flag)
+    rows = document.find_rows((POLE,))
+    assert (document.state.flags[rows[rows >= count]] == flag).all()
