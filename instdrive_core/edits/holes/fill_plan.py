@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy import ndimage
 
+from instdrive_core.edits.holes.behind.uprights import Continuation
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_light import GroundLight
 from instdrive_core.edits.holes.ground_map import BARE, GROUND_BAND, GroundMap, build_ground_map
@@ -17,7 +18,6 @@ from instdrive_core.edits.holes.lane_marks import continue_marks, find_lane_mark
 from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
-from instdrive_core.edits.holes.uprights import Continuation
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color

@@ -25,7 +25,9 @@ from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
-from instdrive_core.edits.holes.backdrop import plan_backdrop
+from instdrive_core.edits.holes.behind.backdrop import plan_backdrop
+from instdrive_core.edits.holes.behind.look_picture import Remains
+from instdrive_core.edits.holes.behind.uprights import continue_uprights
 from instdrive_core.edits.holes.cast_shadow import find_shaded_cells, lies_in_shade
 from instdrive_core.edits.holes.deleted_neighbors import pick_unfilled
 from instdrive_core.edits.holes.fill_plan import FillPlan, find_filled_levels, plan_fill, plan_nothing
@@ -35,7 +37,6 @@ from instdrive_core.edits.holes.parking_lines import find_parking_lines
 from instdrive_core.edits.holes.photo_evidence import Look, PhotoEvidence, PhotoRecord, gather_photo_evidence
 from instdrive_core.edits.holes.sunlight.stretch_light import find_hole_light
 from instdrive_core.edits.holes.surroundings import StandingObject, find_neighborhood
-from instdrive_core.edits.holes.uprights import continue_uprights
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.compact_objects import select_solid_points
 from instdrive_core.errors import EditError
@@ -208,16 +209,19 @@ class FillHole(AppendEdit):
         evidence = self._gather_evidence(document)
         lost = np.zeros(0, np.int64) if evidence is None else evidence.lost
         looks = () if evidence is None else evidence.looks
-        plan = self._plan_ground(document, lost, looks, rng) if self.cells else plan_nothing()
+        beside = self._find_beside(document)
+        plan = self._plan_ground(document, lost, looks, beside, rng) if self.cells else plan_nothing()
         if evidence is None:
             return plan
         plan = replace(plan, replaced=np.union1d(plan.replaced, lost))
         rows = np.arange(len(document.scene))
         left = np.setdiff1d(rows[~find_away(document.transforms, rows)], plan.replaced, assume_unique=True)
-        deleted = document.state.find_mask(Flag.DELETED)
+        left = left[~document.state.find_mask(Flag.DELETED)[left]]
+        hiding = np.concatenate([np.zeros((0, 3)), *(each.points for each in beside)])
+        remains = Remains(bake_document(document, rows=left), np.isin(left, evidence.seen), hiding)
         ground = plan.build_splats(document.scene.gaussians, document.transforms)
-        backdrop = plan_backdrop(bake_document(document, rows=left), ground, self.plane, evidence.looks, rng)
-        return replace(plan, backdrop=backdrop.gaussians, backdrop_like=left[~deleted[left]][backdrop.like])
+        backdrop = plan_backdrop(remains, ground, self.plane, evidence.looks, rng)
+        return replace(plan, backdrop=backdrop.gaussians, backdrop_like=left[backdrop.like])
 
     def _gather_evidence(self, document: Document) -> PhotoEvidence | None:
         rows = [document.find_rows((number,)) for number in self.behind if number in document.scene.table]
@@ -229,7 +233,12 @@ class FillHole(AppendEdit):
         return gather_photo_evidence(document, gone, kept, self._record)
 
     def _plan_ground(
-        self, document: Document, lost: Int64[ndarray, " l"], looks: tuple[Look, ...], rng: np.random.Generator
+        self,
+        document: Document,
+        lost: Int64[ndarray, " l"],
+        looks: tuple[Look, ...],
+        beside: tuple[StandingObject, ...],
+        rng: np.random.Generator,
     ) -> FillPlan:
         cells = np.array(self.cells, np.int64)
         grid = GroundGrid(self.corner, self.along, self.size, (1, 1), self.plane)
@@ -251,7 +260,7 @@ class FillHole(AppendEdit):
         hole[tuple(inside.T)] = True
         place = grid.lift_to_ground(grid.compute_centers((middle - start)[None]))[0]
         near = find_neighborhood(document, place).exclude(lost)
-        ground, known = find_known_ground(document, grid, near, hole, self._find_beside(document))
+        ground, known = find_known_ground(document, grid, near, hole, beside)
         shaded = find_shaded_cells(ground, known)
         if self.lit and not lies_in_shade(shaded, known, hole, grid.size):
             known &= ~shaded

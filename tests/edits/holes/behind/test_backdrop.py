@@ -8,7 +8,7 @@ from parked_street import CAR, WALL, parked_street
 
 from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.holes.backdrop import continue_smoothly
+from instdrive_core.edits.holes.behind.smooth_values import continue_smoothly
 from instdrive_core.edits.holes.photo_evidence import gather_photo_evidence
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.instances.table import build_instance_table

@@ -6,9 +6,9 @@ from parked_street import CAR, CAR_CENTER, KERB, PAVEMENT, parked_street, scene_
 
 from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.holes.behind.uprights import continue_uprights
 from instdrive_core.edits.holes.photo_evidence import Look
 from instdrive_core.edits.holes.surroundings import find_neighborhood
-from instdrive_core.edits.holes.uprights import continue_uprights
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.maths.spherical_harmonics import color_from_dc
@@ -168,7 +168,7 @@ def test_the_foot_is_the_pole_s():
     before = document.scene.gaussians.means[foot].copy()
     document.apply(MoveInstances((POLE,), translation=(0.5, 0.0, 0.0)))
     after = compute_current_means(document.scene.gaussians, document.transforms, foot)
-    np.testing.assert_allclose(after, before + [0.5, 0, 0], atol=1e-5)
+    np.testing.assert_allclose(after, before + np.float32([0.5, 0, 0]), atol=1e-5)
 
 
 @pytest.mark.parametrize("flag", [Flag.SELECTED, Flag.HIDDEN])
