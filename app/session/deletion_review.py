@@ -378,10 +378,10 @@ def _is_shadow(edit: Edit) -> bool:
 
 
 def _list_added(edit: Edit) -> tuple[int, ...]:
-    """IDs of the instances that an edit has added; a shadow is added to one that was there before."""
+    """IDs of the instances that an edit has added."""
     if isinstance(edit, CompoundEdit):
         return tuple(number for part in edit.edits for number in _list_added(part))
-    return edit.added_ids if isinstance(edit, AppendEdit) and not isinstance(edit, LayShadow) else ()
+    return edit.added_ids if isinstance(edit, AppendEdit) else ()
 
 
 def _is_filled(document: Document, found: DeletionFindings) -> bool:

@@ -67,6 +67,7 @@ class AppendEdit(Edit):
 
     _count: int = field(default=0, init=False, repr=False, compare=False)
     _entries: tuple[int, ...] = field(default=(), init=False, repr=False, compare=False)
+    _added: tuple[int, ...] = field(default=(), init=False, repr=False, compare=False)
     _actors_before: tuple[Track, ...] = field(default=(), init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
@@ -78,8 +79,8 @@ class AppendEdit(Edit):
 
     @property
     def added_ids(self) -> tuple[int, ...]:
-        """IDs of the instances that were added, once it was done."""
-        return self._entries
+        """IDs of the instances that were added, once it was done; not of those that only grew."""
+        return self._added
 
     @abstractmethod
     def build_addition(self, document: Document) -> Addition:
@@ -123,6 +124,7 @@ class AppendEdit(Edit):
         if any(self.shift) and len(still):
             self._shift_rows(document, still)
         self._entries = tuple(entry.id for entry in added.entries)
+        self._added = tuple(number for number in self._entries if number not in document.scene.table)
         self._parts = added.colors, added.transforms, added.entries, added.tracks
         self._counted = add_entries(document, added.entries, ready.counted if ready is not None else None)
         if ready is not None and ready.rehearsal is not None:

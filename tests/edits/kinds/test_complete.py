@@ -13,6 +13,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import fingerprint
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.delete import DeleteSelected
+from instdrive_core.edits.kinds.light.cast_shadows import Put, find_put
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
@@ -104,6 +105,13 @@ def test_it_is_marked_selected_and_undone(document):
     assert snapshot(document) == before
     document.redo()
     assert snapshot(document) == after
+
+
+def test_a_completed_car_is_the_car_that_was_there(document):
+    edit = make_completion(document, CAR)
+    document.apply(edit)
+    assert edit.added_ids == ()
+    assert find_put(edit) == Put((CAR,), frozenset()), "where it has always stood, photos show its shadow"
 
 
 def test_a_moved_and_scaled_car_is_completed_where_it_stands(document):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from instdrive_core.edits.bases.append import AppendEdit
+from instdrive_core.edits.bases.growth import GrowInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.holes.shade import SceneLight
@@ -24,6 +25,7 @@ from instdrive_core.edits.kinds.light.lay_shadow import (
 )
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
+from instdrive_core.edits.kinds.shape.complete import CompleteInstance
 from instdrive_core.edits.queries.compact_objects import is_compact
 from instdrive_core.errors import EditError
 
@@ -43,19 +45,19 @@ class Put:
 
 
 def find_put(edit: Edit) -> Put:
-    """Find what a done edit has moved, copied, inserted, or given another way; nothing for other edits, for fills, and
-    for those that lay a shadow themselves."""
+    """Find what a done edit has moved, copied, inserted, completed, or given another way; nothing for other edits, for
+    fills, and for those that lay a shadow themselves."""
     if isinstance(edit, CompoundEdit):
         parts = [find_put(part) for part in edit.edits]
         if any(isinstance(part, LayShadow) for part in edit.edits):
             return Put((), frozenset())
         ids = tuple(dict.fromkeys(number for part in parts for number in part.ids))
         return Put(ids, frozenset().union(*(part.added for part in parts)))
-    if isinstance(edit, AppendEdit) and not isinstance(edit, (LayShadow, FillHole)):
+    if isinstance(edit, AppendEdit) and not isinstance(edit, (GrowInstance, FillHole)):
         return Put(edit.added_ids, frozenset(edit.added_ids))
     if isinstance(edit, (MoveInstances, ResetMoves)):
         return Put(tuple(edit.ids), frozenset())
-    return Put((edit.id,), frozenset()) if isinstance(edit, SetPath) else Put((), frozenset())
+    return Put((edit.id,), frozenset()) if isinstance(edit, (SetPath, CompleteInstance)) else Put((), frozenset())
 
 
 def plan_shadows(document: Document, put: Put, light: SceneLight, time: float) -> tuple[Edit, ...]:

@@ -163,6 +163,7 @@ def test_the_foot_is_the_pole_s():
     foot = rows[rows >= count]
     assert len(foot) >= 40
     assert document.scene.table[POLE].count == len(rows)
+    assert POLE not in document.history.done[-1].added_ids, "it only grew"
     assert document.scene.table[POLE].bounds[0][2] < FOOT + 0.3
     assert (document.scene.extra["synthetic"][foot] == 1).all()
     before = document.scene.gaussians.means[foot].copy()
