@@ -38,7 +38,7 @@ class Addition:
     transforms: UInt16[ndarray, " n"]
     """Entry of the document's transform palette for each row, before the shift."""
     entries: tuple[Instance, ...]
-    """Table entries of the new instances; counted when they are added."""
+    """Table entries of the new instances, and of those that grow; counted when they are added."""
     tracks: tuple[Track, ...] = ()
     """Tracks of the new nodes, which are numbered after the existing ones."""
 
@@ -66,8 +66,7 @@ class AppendEdit(Edit):
     """An edit that adds splats: subclasses say which, this class appends them and takes them away again."""
 
     _count: int = field(default=0, init=False, repr=False, compare=False)
-    _entries: tuple[int, ...] = field(default=(), init=False, repr=False, compare=False)
-    _added: tuple[int, ...] = field(default=(), init=False, repr=False, compare=False)
+    _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
     _actors_before: tuple[Track, ...] = field(default=(), init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
@@ -80,7 +79,7 @@ class AppendEdit(Edit):
     @property
     def added_ids(self) -> tuple[int, ...]:
         """IDs of the instances that were added, once it was done; not of those that only grew."""
-        return self._added
+        return tuple(number for number, entry in self._table_before.items() if entry is None)
 
     @abstractmethod
     def build_addition(self, document: Document) -> Addition:
@@ -123,8 +122,8 @@ class AppendEdit(Edit):
         still = rows[added.scene.nodes == 0]
         if any(self.shift) and len(still):
             self._shift_rows(document, still)
-        self._entries = tuple(entry.id for entry in added.entries)
-        self._added = tuple(number for number in self._entries if number not in document.scene.table)
+        table = document.scene.table.instances
+        self._table_before = {entry.id: table.get(entry.id) for entry in added.entries}
         self._parts = added.colors, added.transforms, added.entries, added.tracks
         self._counted = add_entries(document, added.entries, ready.counted if ready is not None else None)
         if ready is not None and ready.rehearsal is not None:
@@ -142,7 +141,7 @@ class AppendEdit(Edit):
             actors=scene.actors,
             extra={name: column[rows] for name, column in scene.extra.items()},
         )
-        restore_entries(document, dict.fromkeys(self._entries))
+        restore_entries(document, self._table_before)
         document.drop_rows(self._count)
         document.transforms.truncate(self._size_before)
         document.set_actors(self._actors_before)
@@ -157,7 +156,7 @@ class AppendEdit(Edit):
         try:
             entries = add_changed_entries(document.transforms, [(RowParts.whole(rows), change)])
         except EditError:
-            self._entries = ()
+            self._table_before = {}
             self.undo(document)
             raise
         document.transforms.assign(rows, entries)

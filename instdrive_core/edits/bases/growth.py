@@ -12,11 +12,9 @@ from numpy import ndarray
 from instdrive_core.edits.bases.append import AppendEdit
 from instdrive_core.edits.bases.editable import check_unlocked
 from instdrive_core.edits.bases.flags import FlagChange
-from instdrive_core.edits.bases.relabel import restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC, find_shadow
 from instdrive_core.errors import EditError
-from instdrive_core.instances.table import Instance
 from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import phrase
@@ -27,7 +25,6 @@ class GrowInstance(AppendEdit):
     """Subclasses say what is added and what it replaces; what is added is selected where the instance is."""
 
     id: int
-    _entry_before: Instance | None = field(default=None, init=False, repr=False, compare=False)
     _flags_done: tuple[FlagChange, ...] = field(default=(), init=False, repr=False, compare=False)
     _new_column: bool = field(default=False, init=False, repr=False, compare=False)
 
@@ -45,7 +42,6 @@ class GrowInstance(AppendEdit):
         if self.id not in document.scene.table:
             raise EditError(phrase("there is no instance {id}", id=self.id))
         check_unlocked(document, (self.id,))
-        self._entry_before = document.scene.table[self.id]
         self._new_column = SYNTHETIC not in document.scene.extra
         if self._new_column:
             document.scene.extra[SYNTHETIC] = np.zeros(len(document.scene), np.uint8)
@@ -64,11 +60,9 @@ class GrowInstance(AppendEdit):
 
     def undo(self, document: Document) -> None:
         """Take away what was added, and bring back what it replaced."""
-        assert self._entry_before is not None
         for change in reversed(self._flags_done):
             document.state.change(change.rows, change.flag, not change.on)
         super().undo(document)
-        restore_entries(document, {self.id: self._entry_before})
         self._drop_column(document)
 
     def _drop_column(self, document: Document) -> None:

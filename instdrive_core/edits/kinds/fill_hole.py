@@ -21,7 +21,7 @@ from instdrive_core.edits.bases.parameters import (
     check_vector,
     is_whole,
 )
-from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances, restore_entries
+from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
@@ -40,7 +40,6 @@ from instdrive_core.edits.holes.surroundings import StandingObject, find_neighbo
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.compact_objects import select_solid_points
 from instdrive_core.errors import EditError
-from instdrive_core.instances.table import Instance
 from instdrive_core.maths.vectors import Vector
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
@@ -79,7 +78,6 @@ class FillHole(AppendEdit):
     beside: tuple[int, ...] = ()
     """Deleted instances around: where no fill has closed their holes, nothing is copied from there."""
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
-    _grown_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
     _new_column: bool = field(default=False, init=False, repr=False, compare=False)
     _filling: FillPlan | None = field(default=None, init=False, repr=False, compare=False)
     _planned_for: bytes = field(default=b"", init=False, repr=False, compare=False)
@@ -152,14 +150,12 @@ class FillHole(AppendEdit):
         self._new_column = SYNTHETIC not in document.scene.extra
         if self._new_column:
             document.scene.extra[SYNTHETIC] = np.zeros(len(document.scene), np.uint8)
-        owners = np.unique(document.scene.instance_ids[filling.likes[filling.feet]]).tolist()
-        self._grown_before = {number: document.scene.table[number] for number in owners}
         try:
             super().do(document)
         except Exception:
             self._drop_column(document)
             raise
-        for number in owners:
+        for number in np.unique(document.scene.instance_ids[filling.likes[filling.feet]]).tolist():
             flag_like_others(document, number, self._count)
         self._flags_done = []
         for flag, on in ((Flag.SELECTED, False), (Flag.DELETED, True)):
@@ -172,7 +168,6 @@ class FillHole(AppendEdit):
         for rows, flag, on in reversed(self._flags_done):
             document.state.change(rows, flag, not on)
         super().undo(document)
-        restore_entries(document, self._grown_before)
         self._drop_column(document)
 
     def build_addition(self, document: Document) -> Addition:

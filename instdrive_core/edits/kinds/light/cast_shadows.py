@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from instdrive_core.edits.bases.append import AppendEdit
-from instdrive_core.edits.bases.growth import GrowInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.holes.shade import SceneLight
@@ -53,11 +52,13 @@ def find_put(edit: Edit) -> Put:
             return Put((), frozenset())
         ids = tuple(dict.fromkeys(number for part in parts for number in part.ids))
         return Put(ids, frozenset().union(*(part.added for part in parts)))
-    if isinstance(edit, AppendEdit) and not isinstance(edit, (GrowInstance, FillHole)):
-        return Put(edit.added_ids, frozenset(edit.added_ids))
+    if isinstance(edit, (SetPath, CompleteInstance)):
+        return Put((edit.id,), frozenset())
     if isinstance(edit, (MoveInstances, ResetMoves)):
         return Put(tuple(edit.ids), frozenset())
-    return Put((edit.id,), frozenset()) if isinstance(edit, (SetPath, CompleteInstance)) else Put((), frozenset())
+    if isinstance(edit, AppendEdit) and not isinstance(edit, FillHole):
+        return Put(edit.added_ids, frozenset(edit.added_ids))
+    return Put((), frozenset())
 
 
 def plan_shadows(document: Document, put: Put, light: SceneLight, time: float) -> tuple[Edit, ...]:
