@@ -10,6 +10,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.holes.behind.uprights import Continuation
+from instdrive_core.edits.holes.carriageway import follow_carriageway
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_light import GroundLight
 from instdrive_core.edits.holes.ground_map import BARE, GROUND_BAND, GroundMap, build_ground_map
@@ -29,10 +30,6 @@ PROFILE_REACH = 4.0
 """Metres along the lane over which known heights count less by e for how high the ground on a line is."""
 HEIGHT_WEIGHT = 2.0
 """A metre of height counts in the comparison of pieces like so much of a colour: a kerb like a change of 0.3."""
-ROAD_BAND = 0.08
-"""Metres from the plane within which a cell is taken for carriageway, lower than kerbs."""
-ROAD_SMOOTHING = 1.5
-"""Metres over which the carriageway's height is averaged."""
 DETAIL = 3
 """Tiles per side of a cell that show what is copied."""
 BED_DEPTH = 0.05
@@ -133,7 +130,7 @@ def plan_fill(
     sources = choose_ground_pieces(ground, known, hole, rng, profile, light)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
-    level = estimate_road_level(ground, known)
+    level = follow_carriageway(ground.height, known, grid.size)
     copied = np.maximum(sources, 0)
     heights = np.where(hole, (ground.height - level)[copied[..., 0], copied[..., 1]] + level, ground.height)
     fine = build_ground_map(refine_grid(grid, DETAIL), near)
@@ -206,15 +203,6 @@ def _lay_tiles(
     places = grid.lift_to_ground(grid.compute_centers(np.argwhere(hole)))
     places[:, 2] += heights[hole]
     return places
-
-
-def estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
-    """Metres above the plane of the carriageway under or beside each cell: roads are cambered, kerbs do not count."""
-    low = good & (np.abs(ground.height) <= ROAD_BAND)
-    spread = ROAD_SMOOTHING / ground.grid.size
-    weights = ndimage.gaussian_filter(low.astype(np.float64), spread, mode="nearest")
-    sums = ndimage.gaussian_filter(np.where(low, ground.height, 0), spread, mode="nearest")
-    return sums / np.maximum(weights, 1e-6)
 
 
 def _find_replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:

@@ -21,6 +21,7 @@ from instdrive_core.edits.holes.ground_map import (
     GroundMap,
     build_ground_map,
     find_cells_before_walls,
+    find_road_direction,
     find_solid_cells,
     find_walls,
 )
@@ -221,6 +222,7 @@ def build_ground_grid(found: Surroundings) -> GroundGrid | None:
         return None
     shape = (round(2 * HALF_LENGTH / CELL), round(2 * HALF_WIDTH / CELL))
     grid = GroundGrid((0.0, 0.0), found.along, CELL, shape, in_world)
+    grid = replace(grid, along=find_road_direction(grid, near))
     x, y = (found.place[:2] - np.array([HALF_LENGTH, HALF_WIDTH]) @ grid.axes).tolist()
     return replace(grid, corner=(x, y))
 

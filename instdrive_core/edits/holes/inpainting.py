@@ -19,7 +19,7 @@ _BATCH = 64
 """Pieces that are looked at together, those that may be best first."""
 ON_LINE = 1
 """Cells across that what is bound to a line may shift: lines are seldom quite straight."""
-MIN_TOLD = 0.3
+MIN_TOLD = 0.02
 """Cells right there that what is known on a line must count like, to say what the line is like."""
 
 

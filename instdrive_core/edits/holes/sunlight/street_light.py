@@ -15,7 +15,7 @@ from instdrive_core.edits.holes.sunlight.standing_rows import StandingRows
 from instdrive_core.edits.holes.sunlight.sun import GroundLights, Sun, find_sun, forecast_shade
 from instdrive_core.edits.holes.sunlight.two_lights import TwoLights, fit_two_lights, measure_dimming
 
-KERB = 0.07
+KERB = 0.05
 """Metres above the carriageway from which on ground is of another kind."""
 LEAST_AGREEMENT = 0.5
 """Correlation of the shade that a sun throws with ground that is dark, from which on it is believed."""

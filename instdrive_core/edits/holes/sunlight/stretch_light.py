@@ -12,12 +12,19 @@ from numpy import ndarray
 from instdrive_core.edits.document.array_digest import digest_array
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
-from instdrive_core.edits.holes.fill_plan import estimate_road_level, profile_ground
+from instdrive_core.edits.holes.carriageway import follow_carriageway
+from instdrive_core.edits.holes.fill_plan import profile_ground
 from instdrive_core.edits.holes.free_space import build_occluder, count_sightings
 from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.ground_light import GroundLight
-from instdrive_core.edits.holes.ground_map import MAX_SPLAT, GroundMap, build_ground_map, find_solid_cells
+from instdrive_core.edits.holes.ground_map import (
+    MAX_SPLAT,
+    GroundMap,
+    build_ground_map,
+    find_road_direction,
+    find_solid_cells,
+)
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane
 from instdrive_core.edits.holes.holes import EDGE, MIN_SIGHTINGS, PLANE_RADIUS
 from instdrive_core.edits.holes.sunlight.standing_rows import LOWEST, find_standing_rows
@@ -82,9 +89,18 @@ def find_hole_light(
     flags = document.state.flags[stretch.rows]
     standing = ((flags & Flag.DELETED) == 0) & ~np.isin(stretch.rows, gone)
     standing &= ~find_away(document.transforms, stretch.rows)
-    height = np.where(hole, profile_ground(ground, known & ~hole, lowest), ground.height)
-    height = height - estimate_road_level(ground, known)
-    return stretch.light.light_ground(ground.grid, ground.color, hole, height, standing)
+    rise = measure_rise(ground, known & ~hole, lowest)
+    return stretch.light.light_ground(ground.grid, ground.color, hole, rise, standing)
+
+
+def measure_rise(
+    ground: GroundMap, known: Bool[ndarray, "a b"], lowest: Bool[ndarray, " b"] | None = None
+) -> Float64[ndarray, "a b"]:
+    """How many metres the ground that belongs to each cell lies above the carriageway, as far as `known` cells tell.
+
+    That is asked of whole lines along the lane: single cells are as uneven as kerbs are high.
+    """
+    return profile_ground(ground, known, lowest) - follow_carriageway(ground.height, known, ground.grid.size)
 
 
 def _find_stretch(document: Document, place: Float64[ndarray, "2"]) -> _Stretch | None:
@@ -138,6 +154,7 @@ def _look_along(document: Document, station: Float64[ndarray, "3"], rows: Int64[
     grid = GroundGrid(
         (0.0, 0.0), (float(lane[0]), float(lane[1])), CELL, shape, (level, float(plane[1]), float(plane[2]))
     )
+    grid = replace(grid, along=find_road_direction(grid, near))
     x, y = (station[:2] - np.array([HALF_LENGTH, HALF_WIDTH]) @ grid.axes).tolist()
     grid = replace(grid, corner=(x, y))
     views = [view for view in scene.views if np.linalg.norm(view.camera.position - station) <= 2 * HALF_LENGTH]
@@ -196,8 +213,9 @@ def _measure_light(
     places = (standing[:, :2] - np.array(grid.corner)) @ grid.axes.T
     found = find_standing_rows(grid, places, heights, cameras)
     at = tuple(cells.T)
-    raised = (ground.height - estimate_road_level(ground, free))[at]
-    light = find_street_light(found, (cells + 0.5) * grid.size, raised, ground.color[at])
+    known = np.zeros(grid.shape, bool)
+    known[at] = True
+    light = find_street_light(found, (cells + 0.5) * grid.size, measure_rise(ground, known)[at], ground.color[at])
     return None if light is None else _Stretch(light, rows[owners])
 
 

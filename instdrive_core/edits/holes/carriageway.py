@@ -1,0 +1,58 @@
+"""How high the carriageway lies on and under the ground around a place, and so how high kerbs and pavements rise."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+
+from instdrive_core.edits.holes.inpainting import weigh_along
+
+REACH = 4.0
+"""Metres along the lane over which known heights count less by e for how high a line is."""
+LEAST_TOLD = 0.3
+"""Cells right there that known ground on a line must count like, to say how high the line is."""
+STEP = 0.04
+"""Metres by which the next line of a carriageway differs at most: no kerb is so low, and no camber so steep."""
+FOLLOWED = 0.3
+"""Share of that difference by which the level goes along: noise of one line is none of the next."""
+
+
+def follow_carriageway(
+    height: Float64[ndarray, "a b"], known: Bool[ndarray, "a b"], size: float
+) -> Float64[ndarray, "a b"]:
+    """The carriageway's height on each cell, or below it where the cell is a pavement's; the unit is that of `height`.
+
+    It is followed from line to line across the lane for as long as the ground goes on without a step; what lies beyond
+    a step has the level before it. Where nothing is known, all is as high as the `known` ground where most is.
+
+    Args:
+        height: of the cells, which lie along the lane on axis 0, metres.
+        size: metres of a cell.
+    """
+    weights = weigh_along(len(height), REACH / size)
+    total = weights @ known
+    if not known.any():
+        return np.zeros(height.shape)
+    lines = (weights @ np.where(known, height, 0)) / np.maximum(total, 1e-9)
+    told = total >= LEAST_TOLD
+    start = _choose_start(np.where(known, height, 0).sum(axis=0), known.sum(axis=0))
+    column = height[known[:, start], start].mean()
+    first = np.where(told[:, start], lines[:, start], column)
+    levels = np.empty(height.shape)
+    for numbers in (range(start, -1, -1), range(start, height.shape[1])):
+        level = first
+        for number in numbers:
+            away = lines[:, number] - level
+            level = level + FOLLOWED * np.where(told[:, number] & (np.abs(away) <= STEP), away, 0)
+            levels[:, number] = level
+    return levels
+
+
+def _choose_start(sums: Float64[ndarray, " b"], counts: Int64[ndarray, " b"]) -> int:
+    """The line of which most is known among the lower half of what is known: a carriageway's, not a pavement's."""
+    means = np.where(counts > 0, sums / np.maximum(counts, 1), np.inf)
+    order = np.argsort(means, kind="stable")
+    half = np.searchsorted(np.cumsum(counts[order]), counts.sum() / 2)
+    lower = order[: half + 1]
+    return int(lower[counts[lower].argmax()])
