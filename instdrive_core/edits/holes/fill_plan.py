@@ -10,12 +10,11 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.holes.behind.uprights import Continuation
-from instdrive_core.edits.holes.carriageway import follow_carriageway
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_light import GroundLight
 from instdrive_core.edits.holes.ground_map import BARE, GROUND_BAND, GroundMap, build_ground_map
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells, profile_lines
-from instdrive_core.edits.holes.lane_marks import continue_marks, find_lane_marks
+from instdrive_core.edits.holes.lanes.lane_marks import continue_marks, find_lane_marks
 from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.edits.holes.surroundings import Neighborhood
@@ -130,9 +129,8 @@ def plan_fill(
     sources = choose_ground_pieces(ground, known, hole, rng, profile, light)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
-    level = follow_carriageway(ground.height, known, grid.size)
     copied = np.maximum(sources, 0)
-    heights = np.where(hole, (ground.height - level)[copied[..., 0], copied[..., 1]] + level, ground.height)
+    heights = np.where(hole, (ground.height - profile)[copied[..., 0], copied[..., 1]] + profile, ground.height)
     fine = build_ground_map(refine_grid(grid, DETAIL), near)
     offsets = np.repeat(np.repeat(sources - np.indices(hole.shape).transpose(1, 2, 0), DETAIL, 0), DETAIL, 1) * DETAIL
     fine_hole, fine_known = (np.kron(each, np.ones((DETAIL, DETAIL), bool)) for each in (hole, known))

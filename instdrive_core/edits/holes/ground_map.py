@@ -10,7 +10,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, GroundRaster, rasterize_ground
-from instdrive_core.edits.holes.road_lines import turn_to_lines
+from instdrive_core.edits.holes.lanes.road_direction import turn_to_lines
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.edits.queries.placement import SOLID_OPACITY
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions

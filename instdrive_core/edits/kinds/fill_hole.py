@@ -33,7 +33,7 @@ from instdrive_core.edits.holes.deleted_neighbors import pick_unfilled
 from instdrive_core.edits.holes.fill_plan import FillPlan, find_filled_levels, plan_fill, plan_nothing
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
-from instdrive_core.edits.holes.parking_lines import find_parking_lines
+from instdrive_core.edits.holes.lanes.parking_lines import find_parking_lines
 from instdrive_core.edits.holes.photo_evidence import Look, PhotoEvidence, PhotoRecord, gather_photo_evidence
 from instdrive_core.edits.holes.sunlight.stretch_light import find_hole_light
 from instdrive_core.edits.holes.surroundings import StandingObject, find_neighborhood

@@ -12,7 +12,6 @@ from numpy import ndarray
 from instdrive_core.edits.document.array_digest import digest_array
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
-from instdrive_core.edits.holes.carriageway import follow_carriageway
 from instdrive_core.edits.holes.fill_plan import profile_ground
 from instdrive_core.edits.holes.free_space import build_occluder, count_sightings
 from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells
@@ -27,6 +26,7 @@ from instdrive_core.edits.holes.ground_map import (
 )
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane
 from instdrive_core.edits.holes.holes import EDGE, MIN_SIGHTINGS, PLANE_RADIUS
+from instdrive_core.edits.holes.lanes.carriageway import follow_carriageway
 from instdrive_core.edits.holes.sunlight.standing_rows import LOWEST, find_standing_rows
 from instdrive_core.edits.holes.sunlight.street_light import StreetLight, find_street_light
 from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject, copy_neighborhood

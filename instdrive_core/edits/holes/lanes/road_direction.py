@@ -21,7 +21,7 @@ LINE = 0.1
 LEAST_ON_LINE = 5
 """Values on both of two lines side by side that are compared."""
 LEAST_PEAK = 1.75
-"""Times by which lines must differ more in the direction found than in most others; without any lines, noise and shadows
+"""Times by which lines must differ more in the direction found than in most others: noise and shadows without any lines
 make it 1.5."""
 
 

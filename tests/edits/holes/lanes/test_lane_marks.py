@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from instdrive_core.edits.holes.lane_marks import continue_marks, find_lane_marks
+from instdrive_core.edits.holes.lanes.lane_marks import continue_marks, find_lane_marks
 
 
 def test_a_line_is_a_mark_but_neither_a_pavement_nor_a_patch_in_the_sun_is() -> None:

@@ -16,6 +16,8 @@ STEP = 0.04
 """Metres by which the next line of a carriageway differs at most: no kerb is so low, and no camber so steep."""
 FOLLOWED = 0.3
 """Share of that difference by which the level goes along: noise of one line is none of the next."""
+LOWEST_SHARE = 0.2
+"""Share of what is known that is carriageway at least."""
 
 
 def follow_carriageway(
@@ -50,9 +52,8 @@ def follow_carriageway(
 
 
 def _choose_start(sums: Float64[ndarray, " b"], counts: Int64[ndarray, " b"]) -> int:
-    """The line of which most is known among the lower half of what is known: a carriageway's, not a pavement's."""
+    """The line of which most is known among those that are about as low as the lowest `LOWEST_SHARE` of the ground."""
     means = np.where(counts > 0, sums / np.maximum(counts, 1), np.inf)
     order = np.argsort(means, kind="stable")
-    half = np.searchsorted(np.cumsum(counts[order]), counts.sum() / 2)
-    lower = order[: half + 1]
-    return int(lower[counts[lower].argmax()])
+    low = means[order[np.searchsorted(np.cumsum(counts[order]), LOWEST_SHARE * counts.sum())]]
+    return int(np.where(means <= low + STEP, counts, -1).argmax())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.parking_lines import find_parking_lines
+from instdrive_core.edits.holes.lanes.parking_lines import find_parking_lines
 
 GRID = GroundGrid((-5.0, -12.0), (0.0, 1.0), 0.2, (120, 70), (0.0, 0.0, 0.0))
 """The lane runs along y; its lines lie at falling x."""
