@@ -46,7 +46,9 @@ def find_cast_shadow(
     dark = seen & find_shaded_cells(ground, clean)
     parts = np.zeros(hole.shape, np.int32)
     ndimage.label(dark, np.ones((3, 3)), parts)
-    touching = np.unique(parts[dark & grow_cells(footprint | hole, size, 1.5 * size)])
+    # Its own sides may stand between the ground below it and the shadow beside it.
+    sides = ground.obstructed & grow_cells(footprint, size, size)
+    touching = np.unique(parts[dark & grow_cells(footprint | sides | hole, size, 1.5 * size)])
     shadow = np.zeros_like(hole)
     for part in touching[touching > 0].tolist():
         cells = parts == part
