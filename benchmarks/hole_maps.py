@@ -31,7 +31,7 @@ from instdrive_core.datasets.synthetic.world.ground import CURB_HEIGHT
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.rig import CAMERAS
 from instdrive_core.datasets.synthetic.world.street import Actor, Street
-from instdrive_core.edits.holes.fill_plan import choose_ground_pieces, profile_ground
+from instdrive_core.edits.holes.fill_plan import choose_ground_pieces
 from instdrive_core.edits.holes.free_space import find_shown_points
 from instdrive_core.edits.holes.ground_cells import grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
@@ -46,6 +46,7 @@ from instdrive_core.edits.holes.holes import (
     MIN_AREA,
     MIN_SIGHTINGS,
 )
+from instdrive_core.edits.holes.lanes.carriageway import measure_rise, profile_ground
 from instdrive_core.edits.holes.seams import blend_copies
 from instdrive_core.scene.camera import Camera
 
@@ -140,8 +141,7 @@ def list_hidden_ground(
 
 def _light(found: HiddenGround, street: MapLight, car: int) -> HiddenGround:
     """Lay on this ground the light that is told once the car is gone."""
-    profile = profile_ground(found.ground, found.known & ~found.hole, found.parking)
-    height = np.where(found.hole, profile, found.ground.height)
+    height = measure_rise(found.ground, found.known & ~found.hole, found.parking)
     light = street.light.light_ground(found.ground.grid, found.ground.color, found.hole, height, street.owners != car)
     return replace(found, light=light)
 

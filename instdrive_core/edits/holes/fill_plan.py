@@ -13,7 +13,8 @@ from instdrive_core.edits.holes.behind.uprights import Continuation
 from instdrive_core.edits.holes.ground_grid import GroundGrid, refine_grid
 from instdrive_core.edits.holes.ground_light import GroundLight
 from instdrive_core.edits.holes.ground_map import BARE, GROUND_BAND, GroundMap, build_ground_map
-from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells, profile_lines
+from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
+from instdrive_core.edits.holes.lanes.carriageway import profile_ground
 from instdrive_core.edits.holes.lanes.lane_marks import continue_marks, find_lane_marks
 from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
 from instdrive_core.edits.holes.seams import blend_copies
@@ -25,8 +26,6 @@ from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 from instdrive_core.scene.transforms import TransformPalette, bake_transforms
 
 GROUND_PIECES = ExemplarConfig(line_penalty=1.0, guide_penalty=16.0, bound_penalty=0.3)
-PROFILE_REACH = 4.0
-"""Metres along the lane over which known heights count less by e for how high the ground on a line is."""
 HEIGHT_WEIGHT = 2.0
 """A metre of height counts in the comparison of pieces like so much of a colour: a kerb like a change of 0.3."""
 DETAIL = 3
@@ -163,14 +162,6 @@ def find_filled_levels(ground: GroundMap, plan: FillPlan, places: Float64[ndarra
         away = np.linalg.norm(nearest[:, :2] - places, axis=1)
         levels = np.where(away <= grid.size, nearest[:, 2], levels)
     return levels
-
-
-def profile_ground(
-    ground: GroundMap, known: Bool[ndarray, "a b"], lowest: Bool[ndarray, " b"] | None = None
-) -> Float64[ndarray, "a b"]:
-    """How high (metres) the ground is that belongs to each cell, as far as `known` cells on its line along the lane
-    tell; see `profile_lines`."""
-    return profile_lines(ground.height, known, PROFILE_REACH / ground.grid.size, lowest)
 
 
 def choose_ground_pieces(

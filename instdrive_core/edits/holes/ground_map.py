@@ -10,7 +10,6 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid, GroundRaster, rasterize_ground
-from instdrive_core.edits.holes.lanes.road_direction import turn_to_lines
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.edits.queries.placement import SOLID_OPACITY
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
@@ -55,7 +54,7 @@ class GroundMap:
 
 def build_ground_map(grid: GroundGrid, near: Neighborhood) -> GroundMap:
     """Find the splats that are ground, and how the ground looks from above."""
-    heights, ground = grid.compute_heights(near.means), _find_ground_splats(grid, near)
+    heights, ground = grid.compute_heights(near.means), find_ground_splats(grid, near)
     rows = np.flatnonzero(ground)
     values = np.c_[near.colors[rows], heights[rows]]
     raster = rasterize_ground(grid, near.means[rows], near.quats[rows], near.scales[rows], near.opacities[rows], values)
@@ -67,14 +66,8 @@ def build_ground_map(grid: GroundGrid, near: Neighborhood) -> GroundMap:
     return GroundMap(grid, raster.cover, means[..., :3], means[..., 3], crowded & (counts > 0), ground)
 
 
-def find_road_direction(grid: GroundGrid, near: Neighborhood) -> tuple[float, float]:
-    """Unit vector of the lines on the ground near the direction of a grid; that one where there are none."""
-    rows = np.flatnonzero(_find_ground_splats(grid, near) & (near.opacities >= SOLID_OPACITY))
-    heights, brightness = grid.compute_heights(near.means[rows]), near.colors[rows].mean(axis=1)
-    return turn_to_lines(grid.along, near.means[rows, :2], np.c_[heights, np.clip(brightness, 0, 1)])
-
-
-def _find_ground_splats(grid: GroundGrid, near: Neighborhood) -> Bool[ndarray, " k"]:
+def find_ground_splats(grid: GroundGrid, near: Neighborhood) -> Bool[ndarray, " k"]:
+    """Splats that are thin, lie near the plane and are part of nothing that stands there."""
     heights = grid.compute_heights(near.means)
     level = (heights >= GROUND_BAND[0]) & (heights <= GROUND_BAND[1])
     thin = _compute_vertical_deviations(near) <= MAX_THICKNESS

@@ -21,12 +21,12 @@ from instdrive_core.edits.holes.ground_map import (
     GroundMap,
     build_ground_map,
     find_cells_before_walls,
-    find_road_direction,
     find_solid_cells,
     find_walls,
 )
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane, keep_topmost
 from instdrive_core.edits.holes.kept_footprint import find_kept_footprint
+from instdrive_core.edits.holes.lanes.road_direction import find_road_direction
 from instdrive_core.edits.holes.photo_evidence import Look
 from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject, Surroundings, find_standing_objects
 from instdrive_core.edits.queries.compact_objects import is_tall

@@ -6,10 +6,11 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.holes.inpainting import weigh_along
+from instdrive_core.edits.holes.ground_map import GroundMap
+from instdrive_core.edits.holes.inpainting import profile_lines, weigh_along
 
 REACH = 4.0
-"""Metres along the lane over which known heights count less by e for how high a line is."""
+"""Metres along the lane over which known heights count less by e for how high the ground on a line is."""
 LEAST_TOLD = 0.3
 """Cells right there that known ground on a line must count like, to say how high the line is."""
 STEP = 0.04
@@ -20,13 +21,31 @@ LOWEST_SHARE = 0.2
 """Share of what is known that is carriageway at least."""
 
 
+def profile_ground(
+    ground: GroundMap, known: Bool[ndarray, "a b"], lowest: Bool[ndarray, " b"] | None = None
+) -> Float64[ndarray, "a b"]:
+    """How high (metres) the ground is that belongs to each cell, as far as `known` cells on its line along the lane
+    tell; see `profile_lines`."""
+    return profile_lines(ground.height, known, REACH / ground.grid.size, lowest)
+
+
+def measure_rise(
+    ground: GroundMap, known: Bool[ndarray, "a b"], lowest: Bool[ndarray, " b"] | None = None
+) -> Float64[ndarray, "a b"]:
+    """How many metres the ground that belongs to each cell lies above the carriageway, as far as `known` cells tell.
+
+    That is asked of whole lines along the lane: single cells are as uneven as kerbs are high.
+    """
+    return profile_ground(ground, known, lowest) - follow_carriageway(ground.height, known, ground.grid.size)
+
+
 def follow_carriageway(
     height: Float64[ndarray, "a b"], known: Bool[ndarray, "a b"], size: float
 ) -> Float64[ndarray, "a b"]:
-    """The carriageway's height on each cell, or below it where the cell is a pavement's; the unit is that of `height`.
+    """The height (metres) of the carriageway on each cell, and below each cell that lies above it.
 
     It is followed from line to line across the lane for as long as the ground goes on without a step; what lies beyond
-    a step has the level before it. Where nothing is known, all is as high as the `known` ground where most is.
+    a step, and lines on which nothing is known, have the level before. 0 where nothing is known at all.
 
     Args:
         height: of the cells, which lie along the lane on axis 0, metres.

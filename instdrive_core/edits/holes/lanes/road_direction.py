@@ -10,6 +10,11 @@ from jaxtyping import Float, Float64
 from numpy import ndarray
 from scipy import ndimage
 
+from instdrive_core.edits.holes.ground_grid import GroundGrid
+from instdrive_core.edits.holes.ground_map import find_ground_splats
+from instdrive_core.edits.holes.surroundings import Neighborhood
+from instdrive_core.edits.queries.placement import SOLID_OPACITY
+
 MOST_TURN = 6.0
 """Degrees to either side that are looked at."""
 TURN_STEP = 0.2
@@ -20,9 +25,18 @@ LINE = 0.1
 """Metres across of a line, as narrow as most marks."""
 LEAST_ON_LINE = 5
 """Values on both of two lines side by side that are compared."""
+MOST_PLACES = 60_000
+"""Places that are looked at: enough for lines, however many splats there are."""
 LEAST_PEAK = 1.75
 """Times by which lines must differ more in the direction found than in most others: noise and shadows without any lines
 make it 1.5."""
+
+
+def find_road_direction(grid: GroundGrid, near: Neighborhood) -> tuple[float, float]:
+    """Unit vector of the lines on the ground near the direction of a grid; that one where there are none."""
+    rows = np.flatnonzero(find_ground_splats(grid, near) & (near.opacities >= SOLID_OPACITY))
+    heights, brightness = grid.compute_heights(near.means[rows]), near.colors[rows].mean(axis=1)
+    return turn_to_lines(grid.along, near.means[rows, :2], np.c_[heights, np.clip(brightness, 0, 1)])
 
 
 def turn_to_lines(
@@ -37,11 +51,17 @@ def turn_to_lines(
         places: x and y of ground, metres.
         values: how it is there, each column in a unit of its own.
     """
+    if not len(places):
+        return along
+    every = 1 + len(places) // MOST_PLACES
+    places, values = places[::every], values[::every]
     turns = np.arange(-MOST_TURN, MOST_TURN + TURN_STEP / 2, TURN_STEP)
     forward = np.array(along)
     left = np.array([-forward[1], forward[0]])
     across, ahead = places @ left, places @ forward
-    steps = np.array([_measure_steps(across * np.cos(a) - ahead * np.sin(a), values) for a in np.radians(turns)])
+    steps = np.array(
+        [_measure_steps(across * np.cos(turn) - ahead * np.sin(turn), values) for turn in np.radians(turns)]
+    )
     smooth = np.asarray(ndimage.gaussian_filter1d(steps, TURN_SMOOTHING / TURN_STEP, axis=0, mode="nearest"))
     peaks = (smooth / np.maximum(np.median(smooth, axis=0), 1e-12)).mean(axis=1)
     best = int(peaks.argmax())

@@ -12,7 +12,6 @@ from numpy import ndarray
 from instdrive_core.edits.document.array_digest import digest_array
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
-from instdrive_core.edits.holes.fill_plan import profile_ground
 from instdrive_core.edits.holes.free_space import build_occluder, count_sightings
 from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells
 from instdrive_core.edits.holes.ground_grid import GroundGrid
@@ -21,12 +20,12 @@ from instdrive_core.edits.holes.ground_map import (
     MAX_SPLAT,
     GroundMap,
     build_ground_map,
-    find_road_direction,
     find_solid_cells,
 )
 from instdrive_core.edits.holes.ground_plane import fit_ground_plane
 from instdrive_core.edits.holes.holes import EDGE, MIN_SIGHTINGS, PLANE_RADIUS
-from instdrive_core.edits.holes.lanes.carriageway import follow_carriageway
+from instdrive_core.edits.holes.lanes.carriageway import measure_rise
+from instdrive_core.edits.holes.lanes.road_direction import find_road_direction
 from instdrive_core.edits.holes.sunlight.standing_rows import LOWEST, find_standing_rows
 from instdrive_core.edits.holes.sunlight.street_light import StreetLight, find_street_light
 from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject, copy_neighborhood
@@ -91,16 +90,6 @@ def find_hole_light(
     standing &= ~find_away(document.transforms, stretch.rows)
     rise = measure_rise(ground, known & ~hole, lowest)
     return stretch.light.light_ground(ground.grid, ground.color, hole, rise, standing)
-
-
-def measure_rise(
-    ground: GroundMap, known: Bool[ndarray, "a b"], lowest: Bool[ndarray, " b"] | None = None
-) -> Float64[ndarray, "a b"]:
-    """How many metres the ground that belongs to each cell lies above the carriageway, as far as `known` cells tell.
-
-    That is asked of whole lines along the lane: single cells are as uneven as kerbs are high.
-    """
-    return profile_ground(ground, known, lowest) - follow_carriageway(ground.height, known, ground.grid.size)
 
 
 def _find_stretch(document: Document, place: Float64[ndarray, "2"]) -> _Stretch | None:

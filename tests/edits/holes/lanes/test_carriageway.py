@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from instdrive_core.edits.holes.lanes.carriageway import follow_carriageway
+from instdrive_core.edits.holes.ground_grid import GroundGrid
+from instdrive_core.edits.holes.ground_map import GroundMap
+from instdrive_core.edits.holes.lanes.carriageway import follow_carriageway, measure_rise
 
 SHAPE, SIZE = (120, 70), 0.2
 ACROSS = SIZE * np.arange(SHAPE[1])
@@ -46,3 +48,14 @@ def test_little_pavement_on_the_map_is_not_taken_for_the_road():
 def test_nothing_known_is_level():
     nothing = np.zeros(SHAPE, bool)
     assert not follow_carriageway(np.ones(SHAPE), nothing, SIZE).any()
+
+
+def test_whole_lines_say_what_lies_above_a_kerb():
+    height, _, pavement = make_street(0.1)
+    nothing = np.zeros(SHAPE, bool)
+    grid = GroundGrid((0.0, 0.0), (0.0, 1.0), SIZE, SHAPE, (0.0, 0.0, 0.0))
+    ground = GroundMap(grid, np.ones(SHAPE), np.ones((*SHAPE, 3)), height, nothing, np.zeros(0, bool))
+    rise = measure_rise(ground, ~nothing)
+    assert (rise[:, pavement] > 0.05).all()
+    assert (rise[:, ~pavement] < 0.05).all()
+    assert (height[:, ~pavement] > 0.05).any(), "single cells do not say it"

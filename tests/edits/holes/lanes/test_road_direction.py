@@ -48,8 +48,9 @@ def test_lines_that_cross_the_drive_are_not_its_own():
     assert turn_to_lines(turn(angle), *make_ground()) == turn(angle)
 
 
-def test_one_place_has_no_direction():
-    assert turn_to_lines(turn(1.0), np.zeros((1, 2)), np.zeros((1, 2))) == turn(1.0)
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_places_have_no_direction(count):
+    assert turn_to_lines(turn(1.0), np.zeros((count, 2)), np.zeros((count, 2))) == turn(1.0)
 
 
 def test_the_map_of_a_hole_lies_along_the_kerb():
