@@ -145,6 +145,15 @@ def continue_lines(
     return np.where((total >= 1)[..., None], sums / np.maximum(total, 1)[..., None], np.nan)
 
 
+def sum_lines(
+    values: Float64[ndarray, "a b"], known: Bool[ndarray, "a b"], reach: float
+) -> tuple[Float64[ndarray, "a b"], Float64[ndarray, "a b"]]:
+    """Sum of what is known on each cell's line along axis 0, where a cell `reach` cells farther counts less by e, and
+    what the known cells count."""
+    weights = weigh_along(len(values), reach)
+    return weights @ np.where(known, values, 0), weights @ known
+
+
 def profile_lines(
     values: Float64[ndarray, "a b"],
     known: Bool[ndarray, "a b"],
@@ -157,8 +166,7 @@ def profile_lines(
     Of the lines that are `lowest` it is known that they are like the lower of what lies on either side, where nothing
     is known on them: what is between them and there, is like the other side.
     """
-    weights = weigh_along(len(values), reach)
-    sums, total = weights @ np.where(known, values, 0), weights @ known
+    sums, total = sum_lines(values, known, reach)
     profiles, places = np.zeros(values.shape), np.arange(values.shape[1])
     for profile, line_sums, line_total in zip(profiles, sums, total, strict=True):
         told = line_total >= MIN_TOLD

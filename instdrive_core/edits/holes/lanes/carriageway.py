@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.holes.ground_map import GroundMap
-from instdrive_core.edits.holes.inpainting import profile_lines, weigh_along
+from instdrive_core.edits.holes.inpainting import profile_lines, sum_lines
 
 REACH = 4.0
 """Metres along the lane over which known heights count less by e for how high the ground on a line is."""
@@ -51,12 +51,10 @@ def follow_carriageway(
         height: of the cells, which lie along the lane on axis 0, metres.
         size: metres of a cell.
     """
-    weights = weigh_along(len(height), REACH / size)
-    total = weights @ known
     if not known.any():
         return np.zeros(height.shape)
-    lines = (weights @ np.where(known, height, 0)) / np.maximum(total, 1e-9)
-    told = total >= LEAST_TOLD
+    sums, total = sum_lines(height, known, REACH / size)
+    lines, told = sums / np.maximum(total, 1e-9), total >= LEAST_TOLD
     start = _choose_start(np.where(known, height, 0).sum(axis=0), known.sum(axis=0))
     column = height[known[:, start], start].mean()
     first = np.where(told[:, start], lines[:, start], column)

@@ -38,7 +38,7 @@ def test_a_strip_of_which_nothing_is_known_hides_no_kerb():
     assert rise[pavement & (ACROSS > 11)].min() > 0.045
 
 
-def test_little_pavement_on_the_map_is_not_taken_for_the_road():
+def test_pavements_that_are_most_of_what_is_known_are_not_taken_for_the_road():
     height, _, pavement = make_street()
     known = np.random.default_rng(4).random(SHAPE) < np.where(pavement, 0.9, 0.5)
     rise = (height - follow_carriageway(height, known, SIZE)).mean(axis=0)
