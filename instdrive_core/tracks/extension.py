@@ -95,7 +95,7 @@ def _find_again(
         placed[:, :2] += shift.astype(np.float32)
         distances = nearest_distances(placed, around)
         share = float((distances < MATCHED).mean())
-        residual = float(np.median(distances[distances < 2 * MATCHED])) if share else 1.0
+        residual = _measure_residual(placed, around, distances) if share else 1.0
         pose[:2] += shift
         if share >= MIN_SHARE and residual < MAX_RESIDUAL and (best is None or residual - share < best[0]):
             best = (residual - share, pose)
@@ -106,6 +106,15 @@ def _find_again(
     if len(rows) < 5:
         return None
     return pose, float(cloud.times[rows].mean()), rows
+
+
+def _measure_residual(
+    placed: Float32[ndarray, "m 3"], around: Float32[ndarray, "n 3"], distances: Float32[ndarray, " m"]
+) -> float:
+    """Metres by which a shape's points lie off those of a sweep, or these off the shape, whichever is less: the one of
+    which there are more lies between the other's rows."""
+    back = nearest_distances(around, placed)
+    return float(min(np.median(own[own < 2 * MATCHED]) for own in (distances, back)))
 
 
 def _recent_points(thing: SolvedThing, time: float) -> Float32[ndarray, "m 3"]:

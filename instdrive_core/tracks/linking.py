@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
@@ -123,13 +123,33 @@ def _shift_between(
     return min((align(first, second, guess) for guess in guesses), key=lambda result: result[1])[0]
 
 
-def without_slivers(chain: Chain) -> Chain:
+def part_at_slivers(chain: Chain) -> list[Chain]:
     """A chain without the clusters that show a sliver of what others around them show: where the rest looks as if it
-    stood, or hides, the sliver's place says little of the thing's."""
-    counts = np.array([len(one.rows) for one in chain.clusters])
-    around = [counts[max(0, k - NEARBY) : k + NEARBY + 1] for k in range(len(counts))]
-    kept = np.flatnonzero(counts >= SLIVER * np.array([np.median(np.sort(own)[-NEARBY:]) for own in around]))
-    if len(kept) == len(counts):
-        return chain
+    stood, or hides, the sliver's place says little of the thing's.
+
+    Slivers that last longer than a thing stays looked for are a chain for themselves, and so is what comes after them.
+    """
+    counts, times = np.array([len(one.rows) for one in chain.clusters]), np.array([one.time for one in chain.clusters])
+    kept, slivers = _set_slivers_apart(counts)
+    if not len(slivers):
+        return [chain]
+    runs = [run for run in np.split(slivers, np.flatnonzero(np.diff(slivers) > 1) + 1) if np.ptp(times[run]) > COASTING]
+    parts = np.split(kept, np.flatnonzero(np.diff(times[kept]) > COASTING) + 1)
     ways = np.concatenate([np.zeros((1, 2)), np.cumsum(np.array(chain.shifts).reshape(-1, 2), axis=0)])
-    return Chain([chain.clusters[k] for k in kept], list(np.diff(ways[kept], axis=0)), chain.velocity)
+    return [
+        Chain([chain.clusters[k] for k in part], list(np.diff(ways[part], axis=0)), chain.velocity)
+        for part in sorted([*parts, *runs], key=lambda part: int(part[0]))
+    ]
+
+
+def _set_slivers_apart(counts: Int64[ndarray, " k"]) -> tuple[Int64[ndarray, " m"], Int64[ndarray, " n"]]:
+    """Positions of the clusters that show enough of a thing, and of its slivers: those beside the others first, then
+    those that are beside the others now."""
+    kept = np.arange(len(counts))
+    while True:
+        left = counts[kept]
+        around = [left[max(0, k - NEARBY) : k + NEARBY + 1] for k in range(len(left))]
+        whole = left >= SLIVER * np.array([np.median(np.sort(own)[-NEARBY:]) for own in around])
+        if whole.all():
+            return kept, np.setdiff1d(np.arange(len(counts)), kept)
+        kept = kept[whole]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
@@ -17,6 +19,9 @@ MIN_SWEEPS = 5
 SHORTEST_CUT, TURN = 10, 8
 """Sweeps of the pieces that a chain is cut into, at least, and those before and after a cut that its motion is judged
 by."""
+REVERSED, SUDDEN = 0.7, 2.0
+"""Metres per second with which a thing goes there and back if these are two that met, and seconds around a cut that
+tell it: given longer, people do turn round."""
 MIN_WAY = 1.0
 """Metres of travel."""
 MIN_STRAIGHTNESS = 0.6
@@ -73,10 +78,11 @@ def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
 
 def cut_to_movers(chain: Chain, clouds: list[SweepCloud]) -> list[Chain]:
     """The chain if it may move, else its parts that may, cut where its motion changes most: in a long drive what is
-    followed turns back or waits, and two that meet are taken for each other."""
-    if may_move(chain, clouds):
+    followed turns back or waits. Two that met and were taken for each other are cut in any case."""
+    turn = _find_turn(chain)
+    if not turn.reverses and may_move(chain, clouds):
         return [chain]
-    cut = _find_turn(chain)
+    cut = turn.position
     if not cut:
         return []
     first = Chain(chain.clusters[:cut], chain.shifts[: cut - 1], chain.velocity)
@@ -84,17 +90,31 @@ def cut_to_movers(chain: Chain, clouds: list[SweepCloud]) -> list[Chain]:
     return [part for half in (first, second) for part in cut_to_movers(half, clouds)]
 
 
-def _find_turn(chain: Chain) -> int:
-    """Position of the cluster before which a chain's velocity changes most; 0 where it is too short to be cut."""
+@dataclass(frozen=True)
+class _Turn:
+    """Where a chain's velocity changes most."""
+
+    position: int
+    """Of the cluster before which it does; 0 where the chain is too short to be cut."""
+    reverses: bool
+    """Whether it goes back at once where it came from, faster than anything can turn round."""
+
+
+def _find_turn(chain: Chain) -> _Turn:
     places, times = middles(chain), np.array([one.time for one in chain.clusters])
     positions = np.arange(SHORTEST_CUT, len(places) - SHORTEST_CUT)
     if not len(positions):
-        return 0
+        return _Turn(0, False)
     before, after = (
         (places[last] - places[first]) / (times[last] - times[first])[:, None]
         for first, last in ((positions - TURN, positions), (positions, positions + TURN))
     )
-    return int(positions[np.linalg.norm(after - before, axis=1).argmax()])
+    most = int(np.linalg.norm(after - before, axis=1).argmax())
+    forth = float(np.linalg.norm(before[most]))
+    back = -float(before[most] @ after[most]) / max(forth, 1e-9)
+    cut = int(positions[most])
+    is_sudden = times[cut + TURN] - times[cut - TURN] < SUDDEN
+    return _Turn(cut, bool(is_sudden) and min(forth, back) > REVERSED)
 
 
 def moves_with_ego(places: Float64[ndarray, "t 2"], clouds: list[SweepCloud], sweeps: list[int]) -> bool:

@@ -30,6 +30,8 @@ NEAR = 30.0
 FLAT, FLAT_REACH = 0.35, 40.0
 """Metres that a thing nearer than so many metres rises from its lowest to its highest point at least, unless it was
 seen to leave its places: others may leave but a strip of it to be seen."""
+ROWS = 0.2
+"""Metres that a strip which nobody saw leave its places rises at least: more than a ring on a roof does."""
 THIN = 0.3
 """Metres along and across: thinner things are posts and edges unless others saw through their places."""
 STOUT = 0.8
@@ -70,7 +72,7 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
         return f"seen {seen:.2f} at {distance:.0f} way {way:.1f}"
     if seen < FEW_SEEN and not is_steady and way < UNSEEN_WAY:
         return f"never seen through, way {way:.1f}"
-    is_strip = is_proved and thing.ratio <= MAX_RATIO and is_long
+    is_strip = is_long and thing.ratio <= MAX_RATIO and (is_proved or (is_steady and extent[2] >= ROWS))
     if extent[2] < FLAT and distance < FLAT_REACH and not is_strip:
         return f"flat {extent[2]:.2f}"
     if size < STOUT and extent[2] > PERSON_HEIGHTS[1]:

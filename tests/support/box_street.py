@@ -13,6 +13,8 @@ from instdrive_core.scene.camera import Camera, CameraView
 CAR = (1.9, 4.6, 1.5)
 """Width, length, height in metres."""
 LIDAR_HEIGHT = 1.8
+BEAMS = np.linspace(-24, 8, 40)
+"""Elevations in degrees of the usual beams."""
 NOISE = 0.02
 JAM_SECONDS = 4.0
 Way = Callable[[float], float]
@@ -44,7 +46,7 @@ def box_clip(
     period: float = 0.1,
     ego: Callable[[float], float] = lambda time: 0.0,
     timed: bool = True,
-    beams: int = 40,
+    beams: int = len(BEAMS),
     azimuths: int = 720,
 ) -> Clip:
     """A clip of sweeps only: the ego car is at `ego(time)` along x; with `timed` points carry their times."""
@@ -62,7 +64,7 @@ def box_clip(
 
 
 def _sweep(bodies, time, turn, ego, beams, azimuths, seed):
-    elevation = np.radians(np.linspace(-24, 8, beams))
+    elevation = np.radians(np.linspace(BEAMS[0], BEAMS[-1], beams))
     azimuth = np.linspace(0, 2 * np.pi, azimuths, endpoint=False)
     times = np.repeat(time + turn * (azimuth / (2 * np.pi) - 0.5), beams)
     elevation, azimuth = np.tile(elevation, azimuths), np.repeat(azimuth, beams)

@@ -1,11 +1,13 @@
 """What leads chains astray is left out of them, and the recording car's own parts are told from its neighbours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from instdrive_core.tracks.candidates import Cluster
-from instdrive_core.tracks.linking import Chain, without_slivers
-from instdrive_core.tracks.motion_tests import cut_to_movers, moves_with_ego
+from instdrive_core.tracks.linking import Chain, part_at_slivers
+from instdrive_core.tracks.motion_tests import cut_to_movers, may_move, moves_with_ego
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
 
@@ -17,15 +19,30 @@ def chain_of(counts):
     return Chain(clusters, [np.array([step, 0.0]) for step in range(1, len(counts))])
 
 
+def sweeps_of(chains):
+    return [[one.sweep for one in chain.clusters] for chain in chains]
+
+
 def test_slivers_are_left_out_and_the_way_stays_whole():
-    trimmed = without_slivers(chain_of([200, 210, 5, 220, 190, 205]))
-    assert [one.sweep for one in trimmed.clusters] == [0, 1, 3, 4, 5]
+    (trimmed,) = part_at_slivers(chain_of([200, 210, 5, 220, 190, 205]))
+    assert sweeps_of([trimmed]) == [[0, 1, 3, 4, 5]]
     np.testing.assert_allclose(trimmed.shifts, [[1, 0], [5, 0], [4, 0], [5, 0]])
 
 
 def test_what_is_seen_less_and_less_stays():
     chain = chain_of([200, 170, 140, 120, 100, 80, 65])
-    assert without_slivers(chain) is chain
+    assert part_at_slivers(chain) == [chain]
+
+
+def test_lasting_slivers_are_a_chain_for_themselves():
+    parts = part_at_slivers(chain_of([200] * 12 + [10] * 12 + [220] * 8))
+    assert sweeps_of(parts) == [[*range(12)], [*range(12, 24)], [*range(24, 32)]]
+    assert [len(part.shifts) for part in parts] == [11, 11, 7]
+    np.testing.assert_allclose(parts[2].shifts[0], [25, 0])
+
+
+def test_slivers_before_the_thing_was_seen_lead_it_nowhere():
+    assert sweeps_of(part_at_slivers(chain_of([12] * 5 + [240] * 20))) == [[*range(5, 25)]]
 
 
 def drive(turning):
@@ -75,6 +92,26 @@ def test_who_turns_back_is_cut_where_he_turns():
     assert [len(there.clusters), len(back.clusters)] == pytest.approx([15, 15], abs=1)
     assert np.sum(there.shifts, axis=0)[0] > 1.8
     assert np.sum(back.shifts, axis=0)[0] < -1.6
+
+
+def test_two_who_meet_and_were_taken_for_each_other_are_cut_however_far_they_went():
+    clouds, _ = drive(False)
+    way = 0.14 * np.r_[0:19, 19:8:-1]
+    whole = chain_along(way, 0.1)
+    assert may_move(whole, clouds), "it would pass for one"
+    assert [len(part.clusters) for part in cut_to_movers(whole, clouds)] == pytest.approx([19, 11], abs=1)
+
+
+def test_who_has_the_time_to_turn_round_is_not_cut():
+    clouds, _ = drive(False)
+    way = 0.14 * np.r_[0:19, 19:8:-1]
+    (whole,) = cut_to_movers(chain_along(way, 0.2), clouds)
+    assert len(whole.clusters) == len(way)
+
+
+def chain_along(way, period):
+    clusters = [replace(walker_at((x, 20.0), sweep), time=period * sweep) for sweep, x in enumerate(way)]
+    return Chain(clusters, [np.array([step, 0.0]) for step in np.diff(way)])
 
 
 def test_what_stands_is_no_mover_however_it_is_cut():

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from box_street import Body, box_clip, walls
+from box_street import BEAMS, LIDAR_HEIGHT, Body, box_clip, walls
 
 from instdrive_core.tracks.candidates import make_cluster
+from instdrive_core.tracks.extension import extend_in_time
 from instdrive_core.tracks.finder import find_things, vote
 from instdrive_core.tracks.fragments import merge_fragments
 from instdrive_core.tracks.motion_tests import carry
@@ -65,6 +66,38 @@ def test_what_is_taller_than_people_and_as_slim_is_the_end_of_a_wall(found):
     assert squeeze(0.4, 3.8) == "pole"
     assert squeeze(0.4, 1.7) != "pole"
     assert squeeze(1.8, 3.8) != "pole"
+
+
+def test_a_steady_strip_of_several_rows_moves_though_nobody_saw_it_leave_its_places(found):
+    clouds, _, things = found
+    clouds = [replace(cloud, images=()) for cloud in clouds]
+    strip = replace(things[0], ratio=STEADY_RATIO)
+    local = strip.local_points()
+
+    def flatten(height):
+        return why_not(_with_points(strip, local / np.ptp(local, axis=0) * [4.0, 1.8, height]), clouds)
+
+    assert flatten(0.3) == ""
+    assert flatten(0.1).startswith("flat"), "a ring on a roof"
+
+
+def test_what_is_seen_by_a_quarter_of_the_beams_is_found_again(found):
+    clouds, _, things = found
+    whole = max(things, key=lambda thing: thing.point_count)
+    half = len(clouds) // 2
+    near = solve_thing([one for one in whole.clusters if one.sweep >= half], clouds, [whole.trajectory])
+    sparse = [_every_fourth_row(cloud) if cloud.index < half else cloud for cloud in clouds]
+    _, rows = extend_in_time(near, sparse)
+    assert min(rows) <= 1
+
+
+def _every_fourth_row(cloud):
+    distance = np.linalg.norm(cloud.points[:, :2] - cloud.position[:2], axis=1)
+    degrees = np.degrees(np.arctan2(cloud.points[:, 2] - LIDAR_HEIGHT, distance))
+    row = np.round((degrees - BEAMS[0]) / (BEAMS[1] - BEAMS[0]))
+    kept = row % 4 == 0
+    names = ("points", "heights", "distance", "sensor", "times")
+    return replace(cloud, **{name: getattr(cloud, name)[kept] for name in names})
 
 
 def _with_points(thing, points):
