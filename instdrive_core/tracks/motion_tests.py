@@ -95,7 +95,7 @@ class _Turn:
     """Where a chain's velocity changes most."""
 
     position: int
-    """Of the cluster before which it does; 0 where the chain is too short to be cut."""
+    """Number of the cluster before which it does; 0 where the chain is too short to be cut."""
     reverses: bool
     """Whether it goes back at once where it came from, faster than anything can turn round."""
 
