@@ -14,6 +14,9 @@ TALL = 2.3
 """Metres: higher vehicles are vans, buses and lorries."""
 CAR, VAN = (4.6, 1.88), (6.0, 2.4)
 """Length and width in metres of what was seen in part only."""
+HOOD, HOOD_HEIGHT, LOWEST = 1.1, 0.9, 5
+"""Metres from a car's front to its windscreen, and height of the hood in between; percent of the points that may lie
+lower where others hide it."""
 TWO_WHEELER, PERSON = (1.8, 0.7), (0.6, 0.6)
 PERSON_LENGTH, PERSON_WIDTH, PERSON_HEIGHTS = 1.25, 1.1, (0.9, 2.2)
 """Metres that a person's points measure at most, and the heights between which they end."""
@@ -40,7 +43,7 @@ class TrackBox:
 
 
 def fit_box(points: Float64[ndarray, "n 3"], views: Float64[ndarray, "v 2"]) -> TrackBox:
-    """The box of a thing.
+    """The box of a thing. Of a car that faces the sensor over the roofs of others, the windscreen is what is nearest.
 
     Args:
         points: in its frame, z above the ground, metres.
@@ -48,6 +51,8 @@ def fit_box(points: Float64[ndarray, "n 3"], views: Float64[ndarray, "v 2"]) -> 
     """
     low, high = _measure(_drop_overhead(points))
     label, typical = classify_box(high[:2] - low[:2], float(high[2]))
+    if label == "Car" and np.percentile(points[:, 2], LOWEST) > HOOD_HEIGHT and np.mean(views[:, 0] > high[0]) > 0.5:
+        high[0] += np.clip(typical[0] - (high[0] - low[0]), 0, HOOD)
     for axis in range(2):
         missing = typical[axis] - (high[axis] - low[axis])
         if missing <= 0:

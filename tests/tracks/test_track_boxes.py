@@ -1,6 +1,7 @@
 """Boxes of things: how large they are, and what does not belong to them."""
 
 import numpy as np
+import pytest
 
 from instdrive_core.tracks.boxes import fit_box
 
@@ -26,3 +27,12 @@ def test_air_between_the_body_and_the_roof_of_a_van_does_not_cut_it():
     box = fit_box(np.concatenate([body(4.8, 1.9, 2.0), roof]), VIEWS)
     assert box.height > 2.5
     assert box.length >= 6.0
+
+
+def test_a_car_that_comes_behind_another_has_a_hood_before_its_windscreen():
+    ahead, behind = np.array([[20.0, 0.5], [21.0, 0.5]]), np.array([[-20.0, 0.5], [-21.0, 0.5]])
+    windscreen, whole = body(1.0, 1.6, 1.5, 1.05), body(1.0, 1.6, 1.5)
+    assert fit_box(windscreen, ahead).center[0] - fit_box(whole, ahead).center[0] == pytest.approx(1.1)
+    assert fit_box(windscreen, behind).center[0] == pytest.approx(fit_box(whole, behind).center[0])
+    long = body(4.4, 1.6, 1.5, 1.05)
+    assert fit_box(long, ahead).length == pytest.approx(4.6), "no longer than cars are"
