@@ -99,6 +99,7 @@ def test_alone_home_turned_painted_exported_and_opened_as_it_was_left(window, tm
     narrow = np.abs(take_picture(window) - plain).max(axis=2) > 20
     x, y = window.wait_for_widget("inspector.tolerance")
     window.drag((x, y), (x + 60, y))
+    window.wait_for(lambda state: state["cursor"] > painted, "the slider to paint again")
     window.wait_until_calm()
     wide = np.abs(take_picture(window) - plain).max(axis=2) > 20
     assert 0.002 < narrow.mean() < wide.mean() < 0.5
