@@ -19,7 +19,7 @@ MIN_SWEEPS = 5
 SHORTEST_CUT, TURN = 10, 8
 """Sweeps of the pieces that a chain is cut into, at least, and those before and after a cut that its motion is judged
 by."""
-REVERSED, SUDDEN = 0.7, 2.0
+REVERSED, SUDDEN = 0.7, 2.5
 """Metres per second with which a thing goes there and back if these are two that met, and seconds around a cut that
 tell it: given longer, people do turn round."""
 MIN_WAY = 1.0
