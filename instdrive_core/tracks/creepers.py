@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from instdrive_core.tracks.candidates import Cluster, cluster_cloud, make_cluster
 from instdrive_core.tracks.fragments import LORRY, TALL
-from instdrive_core.tracks.linking import link_sightings, part_at_slivers
+from instdrive_core.tracks.linking import link_sightings
 from instdrive_core.tracks.motion_tests import MIN_SWEEPS
 from instdrive_core.tracks.range_images import Votes, group_points
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
@@ -57,7 +57,7 @@ def find_creepers(things: list[SolvedThing], clouds: list[SweepCloud], votes: li
         for number, (cloud, seen) in enumerate(zip(clouds, votes, strict=True))
     ]
     creepers = []
-    for chain in (part for linked in link_sightings(by_sweep) for part in part_at_slivers(linked)):
+    for chain in link_sightings(by_sweep):
         if len(chain.clusters) < MIN_SWEEPS:
             continue
         guesses = first_guesses(chain)

@@ -13,7 +13,7 @@ from instdrive_core.tracks.candidates import find_candidates
 from instdrive_core.tracks.creepers import find_creepers
 from instdrive_core.tracks.fragments import merge_fragments
 from instdrive_core.tracks.interpenetration import drop_swapped, resolve_overlaps
-from instdrive_core.tracks.linking import link_sightings, part_at_slivers
+from instdrive_core.tracks.linking import link_sightings
 from instdrive_core.tracks.motion_tests import cut_to_movers
 from instdrive_core.tracks.range_images import Votes, count_votes
 from instdrive_core.tracks.second_pass import drop_covered, solve_again
@@ -77,8 +77,7 @@ def find_things(
     by_sweep = [
         find_candidates(cloud, seen, number) for number, (cloud, seen) in enumerate(zip(clouds, votes, strict=True))
     ]
-    linked = [part for chain in link_sightings(by_sweep) for part in part_at_slivers(chain)]
-    chains = [part for chain in linked for part in cut_to_movers(chain, clouds)]
+    chains = [part for chain in link_sightings(by_sweep) for part in cut_to_movers(chain, clouds)]
     on_stage("solving motions")
     solved = [solve_thing(chain.clusters, clouds, first_guesses(chain)) for chain in chains]
     movers = [thing for thing in solved if thing is not None and is_mover(thing, clouds)]

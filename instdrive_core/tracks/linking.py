@@ -50,7 +50,7 @@ class Chain:
 
 
 def link_sightings(by_sweep: list[list[Cluster]]) -> list[Chain]:
-    """Chains of clusters of sweeps in order of time, each cluster in one of them."""
+    """Chains of clusters of sweeps in order of time, each cluster in one of them at most; brief slivers are in none."""
     ended: list[Chain] = []
     active: list[Chain] = []
     for found in by_sweep:
@@ -61,7 +61,7 @@ def link_sightings(by_sweep: list[list[Cluster]]) -> list[Chain]:
         active = [chain for chain in active if now - chain.clusters[-1].time <= COASTING]
         taken = _extend(active, found)
         active += [Chain([one]) for number, one in enumerate(found) if number not in taken]
-    return ended + active
+    return [part for chain in ended + active for part in part_at_slivers(chain)]
 
 
 def _extend(active: list[Chain], found: list[Cluster]) -> set[int]:

@@ -63,7 +63,8 @@ def vote_instances(
     groups = _first_groups(observed, means, model.nodes, config.graph)
     groups = vote_groups(observed, groups, model.nodes > 0, config.graph)
     strays = find_strays(groups, means, model.nodes, model.tracks())
-    groups = give_strays_away(groups, strays, model.nodes, compute_vote_shares(observed, groups))
+    if strays.any():
+        groups = give_strays_away(groups, strays, model.nodes, compute_vote_shares(observed, groups))
     if config.graph.max_unmasked < 1:
         groups = _refill_unmasked(groups, observed, model, config.graph)
     groups = fill_from_nearest(groups, means, model.nodes)
