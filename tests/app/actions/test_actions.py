@@ -21,7 +21,8 @@ def list_all(session):
 def describe(session):
     """Everything that an action can change, ask for or say without a scene."""
     switches = session.state, session.movement.options, session.navigation.playing, session.is_quitting
-    return repr((switches, session.requests.waiting, session.messages.log, session.jobs.current))
+    job = session.jobs.current and session.jobs.current.title  # its share moves on beside any action
+    return repr((switches, session.requests.waiting, session.messages.log, job))
 
 
 @pytest.fixture
