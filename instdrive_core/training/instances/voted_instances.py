@@ -27,8 +27,8 @@ from instdrive_core.training.instances.instance_learner import LearnedInstances
 from instdrive_core.training.instances.lidar_things import add_lidar_masks, assign_lidar_things, measure_silence
 from instdrive_core.training.instances.mask_votes import compute_vote_shares, vote_groups
 from instdrive_core.training.instances.mask_weights import MaskWeights, measure_mask_weights
-from instdrive_core.training.instances.mover_reach import find_strays, give_strays_away
 from instdrive_core.training.instances.splat_axes import compute_normals
+from instdrive_core.training.instances.strays import find_reaches, find_strays, give_strays_away
 from instdrive_core.training.instances.superpoints import find_neighbor_pairs, join_superpoints
 from instdrive_core.training.settings.config import GraphConfig, TrainConfig
 from instdrive_core.training.views.view_store import ViewStore
@@ -62,15 +62,16 @@ def vote_instances(
         observed = add_lidar_masks(observed, things, silence)
     groups = _first_groups(observed, means, model.nodes, config.graph)
     groups = vote_groups(observed, groups, model.nodes > 0, config.graph)
-    strays = find_strays(groups, means, model.nodes, model.tracks())
+    opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
+    reaches = find_reaches(groups, means, opacities, model.nodes, model.tracks())
+    strays = find_strays(groups, means, model.nodes, reaches)
     if strays.any():
-        groups = give_strays_away(groups, strays, model.nodes, compute_vote_shares(observed, groups))
+        groups = give_strays_away(groups, strays, means, compute_vote_shares(observed, groups), reaches)
     if config.graph.max_unmasked < 1:
         groups = _refill_unmasked(groups, observed, model, config.graph)
     groups = fill_from_nearest(groups, means, model.nodes)
     if lidar is not None:
         groups = mend_ground(groups, shown, model, lidar.ground)
-    opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
     shares = compute_vote_shares(observed, groups)
     groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, shares, shown)
     _, groups = np.unique(groups, return_inverse=True)
