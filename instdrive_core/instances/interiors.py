@@ -14,6 +14,11 @@ from numpy import ndarray
 from scipy.sparse import csc_array, csr_array
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
+from instdrive_core.maths.groups import split_by_group
+
+TALLEST_VEHICLE = 4.3
+"""Metres."""
+
 
 @dataclass(frozen=True)
 class InteriorConfig:
@@ -150,10 +155,8 @@ def _find_compact_objects(
     config: InteriorConfig,
 ) -> list[CompactObject]:
     solid = rows[(groups[rows] >= 0) & (opacities[rows] >= config.min_opacity)]
-    solid = solid[np.argsort(groups[solid], kind="stable")]
-    numbers, starts = np.unique(groups[solid], return_index=True)
     bodies = []
-    for number, members in zip(numbers.tolist(), np.split(solid, starts)[1:], strict=True):
+    for number, members in split_by_group(groups, solid):
         if len(members) >= config.min_gaussians:
             body = _fit_despite_strays(number, means[members].astype(np.float64), config)
             bodies += [] if body is None else [body]

@@ -16,6 +16,7 @@ from instdrive_core.formats.objects.scene_objects import FORWARD, collect_in_nod
 from instdrive_core.instances.oriented_box import OrientedBox, fit_upright_box
 from instdrive_core.instances.table import Instance
 from instdrive_core.masks.export.coco_panoptic import STUFF
+from instdrive_core.maths.groups import split_by_group
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track, find_points_inside
 from instdrive_core.scene.transforms import Similarity, extract_scale
@@ -82,11 +83,9 @@ def find_boxed_things(
         moves: what `find_moves` found: boxes of tracks and annotations move along.
         annotated: boxes of the drive's annotations, relative to the scene's origin, for what stands still.
     """
-    order = np.argsort(scene.instance_ids, kind="stable")
-    ids, starts = np.unique(scene.instance_ids[order], return_index=True)
     standing = [track for track in annotated if not track.moving]
     found = []
-    for instance_id, rows in zip(ids.tolist(), np.split(order, starts)[1:], strict=True):
+    for instance_id, rows in split_by_group(scene.instance_ids):
         if not instance_id or instance_id not in scene.table or is_stuff(scene.table[instance_id]):
             continue
         node = int(np.bincount(scene.nodes[rows]).argmax())

@@ -10,12 +10,10 @@ from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC, drop_shadows
-from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject, fit_compact_object
+from instdrive_core.instances.interiors import DEFAULT_CONFIG, TALLEST_VEHICLE, CompactObject, fit_compact_object
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
 
-TALLEST_VEHICLE = 4.3
-"""Metres."""
 FAR_STRAYS = replace(DEFAULT_CONFIG, stray_share=0.06)
 """For an instance whose bounds are an object's though more splats than usual lie far from it."""
 

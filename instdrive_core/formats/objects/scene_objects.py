@@ -13,6 +13,7 @@ from numpy import ndarray
 from instdrive_core.instances.oriented_box import OrientedBox, compute_convex_hull, find_main_parts, fit_upright_box
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
+from instdrive_core.maths.groups import split_by_group
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
 from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.track import Track
@@ -98,9 +99,7 @@ def choose_unique_names(objects: Sequence[SceneObject], reserved: Collection[str
 
 
 def _group_rows(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]:
-    order = np.argsort(scene.instance_ids, kind="stable")
-    ids, starts = np.unique(scene.instance_ids[order], return_index=True)
-    for instance_id, rows in zip(ids.tolist(), np.split(order, starts)[1:], strict=True):
+    for instance_id, rows in split_by_group(scene.instance_ids):
         if instance_id in scene.table:
             yield scene.table[instance_id], rows
 

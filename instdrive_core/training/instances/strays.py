@@ -17,7 +17,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject, fit_compact_object
+from instdrive_core.instances.interiors import DEFAULT_CONFIG, TALLEST_VEHICLE, CompactObject, fit_compact_object
+from instdrive_core.maths.groups import split_by_group
 from instdrive_core.scene.track import Track, find_points_inside
 
 REACH = 1.5
@@ -28,8 +29,6 @@ SCRAP = 0.1
 """A part with less than this share of the main part's Gaussians may be a stray."""
 MAIN = 0.75
 """Share of a standing thing's Gaussians that its main part has at least: else it is seen in pieces, or is several."""
-TALLEST = 4.3
-"""Metres: what is taller than any vehicle, a house or a tree, may well go on behind what hides it."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,9 @@ def find_reaches(
     nodes: UInt16[ndarray, " n"],
     tracks: Sequence[Track],
 ) -> dict[int, Reach]:
-    """Find the groups of which it is known where they are: what moves, and compact things lower than houses and trees.
+    """Find the groups of which it is known where they are: what moves, and compact things no higher than vehicles.
+
+    What is taller, a house or a tree, may well go on behind what hides it.
 
     Args:
         groups: of each Gaussian; -1 = none.
@@ -72,13 +73,13 @@ def find_reaches(
         group: Reach(tuple(tracks[node - 1] for node in held)) for group, held in _list_movers(groups, nodes).items()
     }
     rows = np.flatnonzero((nodes == 0) & (groups >= 0) & (opacities >= DEFAULT_CONFIG.min_opacity))
-    for group, members in _split_by_group(groups, rows):
+    for group, members in split_by_group(groups, rows):
         if group not in reaches:
             points = means[members].astype(np.float64)
-            main = points[find_main_part(points)]
+            main = points[_is_in_main_part(points)]
             is_one = len(main) >= max(DEFAULT_CONFIG.min_gaussians, MAIN * len(points))
             body = fit_compact_object(group, main) if is_one else None
-            if body is not None and float(np.ptp(np.quantile(main[:, 2], [0.01, 0.99]))) <= TALLEST:
+            if body is not None and float(np.ptp(np.quantile(main[:, 2], [0.01, 0.99]))) <= TALLEST_VEHICLE:
                 reaches[group] = Reach(body=body)
     return reaches
 
@@ -92,7 +93,7 @@ def find_strays(
     one thing.
     """
     strays = np.zeros(len(groups), bool)
-    for group, rows in _split_by_group(groups, np.flatnonzero((nodes == 0) & np.isin(groups, list(reaches)))):
+    for group, rows in split_by_group(groups, np.flatnonzero((nodes == 0) & np.isin(groups, list(reaches)))):
         points, reach = means[rows].astype(np.float64), reaches[group]
         strays[rows] = ~reach.holds(points)
         if not reach.movers:
@@ -126,8 +127,7 @@ def give_strays_away(
     return given
 
 
-def find_main_part(points: Float64[ndarray, "k 3"]) -> Bool[ndarray, " k"]:
-    """Find the points of the part that has most of them; gaps of more than `GAP` divide parts."""
+def _is_in_main_part(points: Float64[ndarray, "k 3"]) -> Bool[ndarray, " k"]:
     parts = _divide(points)
     return parts == np.bincount(parts).argmax()
 
@@ -139,18 +139,11 @@ def _is_in_scrap(points: Float64[ndarray, "k 3"]) -> Bool[ndarray, " k"]:
 
 
 def _divide(points: Float64[ndarray, "k 3"]) -> Int64[ndarray, " k"]:
-    """The number of each point's part."""
+    """The number of each point's part; gaps of more than `GAP` divide parts."""
     cells, cell_of_point = np.unique(np.floor(points / CELL), axis=0, return_inverse=True)
     pairs = KDTree(cells * CELL).query_pairs(GAP, output_type="ndarray")
     links = csr_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (len(cells), len(cells)))
     return connected_components(links, directed=False)[1][cell_of_point.ravel()].astype(np.int64)
-
-
-def _split_by_group(groups: Int64[ndarray, " n"], rows: Int64[ndarray, " k"]) -> list[tuple[int, Int64[ndarray, " _"]]]:
-    """Each group of some rows with its rows."""
-    ordered = rows[np.argsort(groups[rows], kind="stable")]
-    numbers, starts = np.unique(groups[ordered], return_index=True)
-    return list(zip(numbers.tolist(), np.split(ordered, starts)[1:], strict=True))
 
 
 def _list_movers(groups: Int64[ndarray, " n"], nodes: UInt16[ndarray, " n"]) -> dict[int, list[int]]:
