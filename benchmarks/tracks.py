@@ -2,7 +2,8 @@
 
 `python -m benchmarks.tracks CLIP` prints one JSON line. Movers are annotated objects that travel more than 1 m, count
 within 80 m, twins once; `found` and `movers` count those with at least 100 points in a sweep, `found_30` and
-`movers_30` those with at least 30. Errors are those of centres along the ground, in metres.
+`movers_30` those with at least 30. `followed` is the share of all points on movers that tracks carry. Errors are those
+of centres along the ground, in metres.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ def main(options: Options) -> dict[str, object]:
         "movers_30": scores.movers_30,
         "median_error_m": round(float(np.median(errors)), 4) if len(errors) else None,
         "p90_error_m": round(float(np.percentile(errors, 90)), 4) if len(errors) else None,
+        "followed": round(scores.followed, 4),
         "switches": scores.switches,
         "false": scores.false,
         "tracks": len(found.tracks),

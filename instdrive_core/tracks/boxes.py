@@ -22,9 +22,9 @@ PERSON_LENGTH, PERSON_WIDTH, PERSON_HEIGHTS = 1.25, 1.1, (0.9, 2.2)
 """Metres that a person's points measure at most, and the heights between which they end."""
 NARROW, SHORT = 1.15, 2.6
 """Metres: what is narrower and shorter runs on two wheels."""
-HEADROOM, OVERHEAD = 0.2, 0.4
-"""Metres of air above somebody's head, and share of the points that may lie above it: an awning or a sign that was
-taken along."""
+HEADROOM, OVERHEAD, STRAY = 0.2, 0.4, 0.01
+"""Metres of air above somebody's head, share of the points that may lie above it: an awning or a sign that was taken
+along, and share that may lie in between."""
 GROWN = 0.05
 """Metres by which a box is larger than the points that were met on its faces."""
 
@@ -75,14 +75,20 @@ def _measure(points: Float64[ndarray, "n 3"]) -> tuple[Float64[ndarray, "3"], Fl
 def _drop_overhead(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "k 3"]:
     """The points without those that hang above a person or a cyclist."""
     heights = np.sort(points[:, 2])
-    for above in np.flatnonzero(np.diff(heights) >= HEADROOM) + 1:
-        if above < (1 - OVERHEAD) * len(heights):
+    strays = 1 + int(STRAY * len(heights))
+    for last in np.flatnonzero(heights[strays:] - heights[:-strays] >= HEADROOM):
+        if last + 1 < (1 - OVERHEAD) * len(heights):
             continue
-        below = points[points[:, 2] < heights[above]]
-        low, high = _measure(below)
-        if classify_box(high[:2] - low[:2], float(high[2]))[0] in ("Pedestrian", "Bicycle"):
+        below = points[points[:, 2] <= heights[last]]
+        if looks_like_person(below):
             return below
     return points
+
+
+def looks_like_person(points: Float64[ndarray, "n 3"]) -> bool:
+    """Whether points in a thing's frame, z above the ground, measure like somebody on foot or on two wheels."""
+    low, high = _measure(points)
+    return classify_box(high[:2] - low[:2], float(high[2]))[0] in ("Pedestrian", "Bicycle")
 
 
 def classify_box(size: Float64[ndarray, "2"], height: float) -> tuple[str, tuple[float, float]]:

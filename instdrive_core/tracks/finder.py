@@ -12,11 +12,11 @@ from instdrive_core.scene.track import Track
 from instdrive_core.tracks.candidates import find_candidates
 from instdrive_core.tracks.creepers import find_creepers
 from instdrive_core.tracks.fragments import merge_fragments
-from instdrive_core.tracks.interpenetration import drop_swapped, resolve_overlaps
+from instdrive_core.tracks.interpenetration import drop_swapped, join_covered, resolve_overlaps
 from instdrive_core.tracks.linking import link_sightings
 from instdrive_core.tracks.motion_tests import cut_to_movers
 from instdrive_core.tracks.range_images import Votes, count_votes
-from instdrive_core.tracks.second_pass import drop_covered, solve_again
+from instdrive_core.tracks.second_pass import solve_again
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
 from instdrive_core.tracks.starts import first_guesses
 from instdrive_core.tracks.strict_test import is_mover
@@ -86,6 +86,6 @@ def find_things(
     on_stage("looking for what creeps")
     whole = merge_fragments([*whole, *find_creepers(whole, clouds, votes)], clouds, votes)
     on_stage("following on")
-    again = drop_covered([solve_again(thing, clouds, votes) for thing in whole], clouds)
+    again = join_covered([solve_again(thing, clouds, votes) for thing in whole], clouds, votes)
     joined = [thing for thing in merge_fragments(again, clouds, votes) if is_mover(thing, clouds)]
     return drop_swapped(resolve_overlaps(joined, clouds, votes), clouds)

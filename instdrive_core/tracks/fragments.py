@@ -72,10 +72,10 @@ def may_be_one(first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud]
     if len(shared) >= SHARED and end > start:
         return _move_alike(first, second, shared, start, end, clouds)
     earlier, later = sorted((first, second), key=lambda thing: thing.trajectory.start)
-    return _goes_on(earlier.trajectory, later.trajectory) and _may_measure_alike(first, second)
+    return _goes_on(earlier.trajectory, later.trajectory) and may_measure_alike(first, second)
 
 
-def _may_measure_alike(first: SolvedThing, second: SolvedThing) -> bool:
+def may_measure_alike(first: SolvedThing, second: SolvedThing) -> bool:
     """Whether both may be views of one thing: what walked for long, and was seen whole, is no part of a car."""
     for one, other in ((first, second), (second, first)):
         size, height = measure(one)

@@ -3,15 +3,18 @@ what lies in one and later in another was followed wrongly."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.tracks.boxes import TrackBox
 from instdrive_core.tracks.candidates import Cluster
-from instdrive_core.tracks.fragments import into_frame, join
+from instdrive_core.tracks.fragments import into_frame, join, may_be_one, may_measure_alike
 from instdrive_core.tracks.range_images import Votes
-from instdrive_core.tracks.solved_thing import SolvedThing
+from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
+from instdrive_core.tracks.strict_test import is_mover
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import SPACING
 
@@ -25,21 +28,76 @@ OWNED, EDGE = 0.6, 0.2
 share of a thing's sweeps from which on none of it is its own."""
 GRID = 8
 """Places along either side of a box by which its area is compared."""
+COVERED = 0.5
+"""Share of a thing's points that are another's as well from which on both are one."""
+LASTING = 5
+"""Sweeps in which a thing is followed, before or after the one that it overlaps, if it is worth keeping there."""
+
+
+def join_covered(things: list[SolvedThing], clouds: list[SweepCloud], votes: list[Votes]) -> list[SolvedThing]:
+    """The things, those most of whose points are a larger one's joined with it: of what passes by, the front is
+    followed first, and then the rear."""
+    kept: list[SolvedThing] = []
+    for thing in sorted(things, key=lambda one: -one.point_count):
+        shared = [_count_shared_points(thing, other) for other in kept]
+        if sum(shared) <= COVERED * thing.point_count:
+            kept.append(thing)
+            continue
+        most = int(np.argmax(shared))
+        if not set(thing.sweeps) <= set(kept[most].sweeps):
+            kept[most : most + 1] = _unite(kept[most], thing, clouds, votes)
+    return kept
+
+
+def _count_shared_points(thing: SolvedThing, other: SolvedThing) -> int:
+    theirs = {one.sweep: one.rows for one in other.clusters}
+    return sum(int(np.isin(one.rows, theirs[one.sweep]).sum()) for one in thing.clusters if one.sweep in theirs)
 
 
 def resolve_overlaps(things: list[SolvedThing], clouds: list[SweepCloud], votes: list[Votes]) -> list[SolvedThing]:
-    """The things, each pair that would stand in each other joined; where they cannot be joined, the one of which more
-    was met is kept."""
+    """The things, each pair that would stand in each other joined."""
     kept: list[SolvedThing] = []
     for thing in sorted(things, key=lambda one: -one.point_count):
         within = next((number for number, other in enumerate(kept) if stand_in_each_other(thing, other, clouds)), None)
         if within is None:
             kept.append(thing)
-            continue
-        whole = join(kept[within], thing, clouds, votes)
-        if whole is not None:
-            kept[within] = whole
+        else:
+            kept[within : within + 1] = _unite(kept[within], thing, clouds, votes)
     return kept
+
+
+def _unite(
+    larger: SolvedThing, smaller: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]
+) -> list[SolvedThing]:
+    """Two things in one place as one. Where they cannot be joined, the one of which more was met is kept, and of the
+    other what it alone knows: where it was before and after."""
+    whole = join(larger, smaller, clouds, votes)
+    if whole is not None:
+        return [whole]
+    first, last = min(larger.sweeps), max(larger.sweeps)
+    rests: list[SolvedThing] = []
+    for clusters in (
+        [one for one in smaller.clusters if one.sweep < first],
+        [one for one in smaller.clusters if one.sweep > last],
+    ):
+        rest = _solve_rest(smaller, clusters, clouds)
+        if rest is None:
+            continue
+        goes_on = may_measure_alike(larger, smaller) and may_be_one(larger, rest, clouds)
+        whole = join(larger, rest, clouds, votes) if goes_on else None
+        if whole is not None:
+            larger = whole
+        elif is_mover(rest, clouds):
+            rests.append(rest)
+    return [larger, *rests]
+
+
+def _solve_rest(thing: SolvedThing, clusters: list[Cluster], clouds: list[SweepCloud]) -> SolvedThing | None:
+    """A thing in some of its sweeps, solved again; None where these are too few."""
+    if len(clusters) < LASTING:
+        return None
+    rest = solve_thing(clusters, clouds, [thing.trajectory])
+    return None if rest is None else replace(rest, core_seen=thing.core_seen)
 
 
 def drop_swapped(things: list[SolvedThing], clouds: list[SweepCloud]) -> list[SolvedThing]:

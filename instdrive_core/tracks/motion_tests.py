@@ -161,24 +161,26 @@ def motion_ratio(parts: list[ndarray], places: Float64[ndarray, "c 2"], yaws: nd
     """
     samples = [sample_evenly(part, SAMPLE) for part in parts]
     yaws = np.zeros(len(parts)) if yaws is None else yaws
-    pairs = [
-        (first, second)
-        for first in range(len(parts))
-        for second in range(len(parts))
-        if first != second and np.linalg.norm(places[second] - places[first]) >= APART
-    ]
-    if not pairs:
+    chosen = _pair_nearest_in_time(places)
+    if not chosen:
         return float("inf")
-    # The nearer in time the better: things change their looks on the way.
-    pairs.sort(key=lambda pair: (abs(pair[0] - pair[1]), pair))
-    nearest = pairs[: 2 * COMPARED]
-    chosen = nearest[:: max(1, len(nearest) // COMPARED)]
     with_motion, without = 0.0, 0.0
     for first, second in chosen:
         carried = carry(samples[first], places[first], yaws[first], places[second], yaws[second])
         with_motion += np.minimum(nearest_distances(carried, samples[second]), CLIP).mean()
         without += np.minimum(nearest_distances(samples[first], samples[second]), CLIP).mean()
     return float(with_motion / max(without, 1e-6))
+
+
+def _pair_nearest_in_time(places: Float64[ndarray, "c 2"]) -> list[tuple[int, int]]:
+    """Pairs of observations some way of travel apart, from all of the time: each with the next of those before and
+    after it, as things change their looks on the way."""
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2) >= APART
+    pairs = []
+    for first, is_apart in enumerate(apart):
+        before, after = np.flatnonzero(is_apart[:first])[-1:], first + 1 + np.flatnonzero(is_apart[first + 1 :])[:1]
+        pairs += [(first, int(second)) for second in (*before, *after)]
+    return pairs[:: -(-len(pairs) // COMPARED) or 1]
 
 
 def carry(points: ndarray, place: ndarray, yaw: float, new_place: ndarray, new_yaw: float) -> ndarray:

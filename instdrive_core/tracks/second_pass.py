@@ -144,20 +144,3 @@ def _drop_standing(
 
 def _local(points: Float32[ndarray, "n 3"], pose: ndarray) -> Float32[ndarray, "n 3"]:
     return carry(points - np.array([pose[0], pose[1], 0], np.float32), np.zeros(2), pose[2], np.zeros(2), 0.0)
-
-
-def drop_covered(things: list[SolvedThing], clouds: list[SweepCloud]) -> list[SolvedThing]:
-    """The things without those most of whose points are a larger one's."""
-    kept: list[SolvedThing] = []
-    taken: dict[int, list[ndarray]] = {}
-    for thing in sorted(things, key=lambda one: -one.point_count):
-        shared = 0
-        for one in thing.clusters:
-            other = taken.get(one.sweep)
-            shared += 0 if other is None else int(np.isin(one.rows, np.concatenate(other)).sum())
-        if shared > 0.5 * thing.point_count:
-            continue
-        kept.append(thing)
-        for one in thing.clusters:
-            taken.setdefault(one.sweep, []).append(one.rows)
-    return kept

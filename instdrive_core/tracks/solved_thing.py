@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.tracks.boxes import TrackBox, fit_box
+from instdrive_core.tracks.boxes import TrackBox, fit_box, looks_like_person
 from instdrive_core.tracks.candidates import Cluster
 from instdrive_core.tracks.motion_tests import compute_solved_ratio
 from instdrive_core.tracks.observations import Observation, observe
@@ -16,9 +16,9 @@ from instdrive_core.tracks.pose_graph import Packed, count_occupied_cells, in_ob
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.trajectory import Trajectory
 
-LASTING_CELL, LASTING = 0.25, 0.05
+LASTING_CELL, LASTING, OF_PEOPLE = 0.25, 0.1, 0.15
 """Metres along an edge of the cells of a thing's frame, and share of its observations that meet something in one that
-is part of the thing."""
+is part of the thing; of people, more of them, since all sides of these are met all the time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +64,11 @@ class SolvedThing:
         seen_by = np.repeat(np.arange(len(self.observations)), np.diff(self.packed.starts))
         cells = np.floor(local / LASTING_CELL).astype(np.int64)
         _, cell = np.unique(cells, axis=0, return_inverse=True)
-        met = np.unique(np.column_stack([cell, seen_by]), axis=0)[:, 0]
-        lasts = np.bincount(met) >= LASTING * len(self.observations)
-        return local[lasts[cell]] if lasts[cell].mean() > 0.5 else local
+        times = np.bincount(np.unique(np.column_stack([cell, seen_by]), axis=0)[:, 0])[cell] / len(self.observations)
+        core = local[times >= OF_PEOPLE]
+        if 2 * len(core) > len(local) and looks_like_person(core):
+            return core
+        return local[times >= LASTING] if np.mean(times >= LASTING) > 0.5 else local
 
     def box(self, clouds: list[SweepCloud]) -> TrackBox:
         """Its box."""

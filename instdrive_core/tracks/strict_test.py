@@ -11,7 +11,7 @@ from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 from instdrive_core.tracks.vacated import may_be_ring, vacates
 
-MAX_RATIO, SURE_SEEN, SURE_RATIO = 0.5, 0.5, 0.72
+MAX_RATIO, SURE_SEEN, SURE_RATIO = 0.5, 0.5, 0.8
 """Greatest `motion_ratio`; what was seen through at so many of its places may have the greater one: slow things overlap
 themselves a metre on. What was seen to leave its places and goes less than twice its size may have any."""
 MIN_WAY, PROVED_WAY = 0.9, 0.6
@@ -20,8 +20,9 @@ SEEN = 0.1
 """Share of points at places seen through below which more is asked of a thing."""
 FEW_SEEN, SURE_MOTION = 0.02, 0.35
 """What walks along a wall is seldom seen through: so many points suffice if no more of its distances are left."""
-UNSEEN_WAY = 5.0
-"""Metres that a thing must travel whose places nobody saw through: far edges of parked cars creep less."""
+UNSEEN_WAY, UNSEEN_SWEEPS = 5.0, 8
+"""Metres that a thing must travel whose places nobody saw through, and sweeps that meet it: far edges of parked cars
+creep less, and what others uncover bit by bit is brief."""
 STEADY_SWEEPS, STEADY_RATIO = 12, 0.25
 """Sweeps that meet a thing whose places nobody saw through, and greatest `motion_ratio`, from which on it moves all the
 same: in a jam the next car fills each gap, and behind a row of cars no beam goes on. Ghosts are brief, or fit badly."""
@@ -70,8 +71,8 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
     is_steady = is_proved or (is_long and thing.ratio <= STEADY_RATIO and not may_be_ring(thing, clouds))
     if seen < SEEN and not is_steady and ((distance < NEAR and not walks_by) or way < 2 * size):
         return f"seen {seen:.2f} at {distance:.0f} way {way:.1f}"
-    if seen < FEW_SEEN and not is_steady and way < UNSEEN_WAY:
-        return f"never seen through, way {way:.1f}"
+    if seen < FEW_SEEN and not is_steady and (way < UNSEEN_WAY or len(thing.clusters) < UNSEEN_SWEEPS):
+        return f"never seen through, way {way:.1f} in {len(thing.clusters)} sweeps"
     is_strip = is_long and thing.ratio <= MAX_RATIO and (is_proved or (is_steady and extent[2] >= ROWS))
     if extent[2] < FLAT and distance < FLAT_REACH and not is_strip:
         return f"flat {extent[2]:.2f}"

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from box_street import BEAMS, LIDAR_HEIGHT, Body, box_clip, walls
 
+from instdrive_core.tracks import interpenetration
 from instdrive_core.tracks.candidates import make_cluster
 from instdrive_core.tracks.extension import extend_in_time
 from instdrive_core.tracks.finder import find_things, vote
 from instdrive_core.tracks.fragments import merge_fragments
-from instdrive_core.tracks.motion_tests import carry
+from instdrive_core.tracks.interpenetration import LASTING, join_covered, resolve_overlaps
+from instdrive_core.tracks.motion_tests import carry, motion_ratio
 from instdrive_core.tracks.solved_thing import solve_thing
-from instdrive_core.tracks.strict_test import STEADY_RATIO, STEADY_SWEEPS, why_not
+from instdrive_core.tracks.strict_test import STEADY_RATIO, STEADY_SWEEPS, UNSEEN_SWEEPS, why_not
 from instdrive_core.tracks.sweep_clouds import gather_clouds
 
 
@@ -89,6 +91,57 @@ def test_what_is_seen_by_a_quarter_of_the_beams_is_found_again(found):
     sparse = [_every_fourth_row(cloud) if cloud.index < half else cloud for cloud in clouds]
     _, rows = extend_in_time(near, sparse)
     assert min(rows) <= 1
+
+
+def _cut(thing, first, last, clouds):
+    """A thing as it would be if it had been followed in some sweeps only."""
+    return solve_thing([one for one in thing.clusters if first <= one.sweep < last], clouds, [thing.trajectory])
+
+
+def test_a_car_followed_as_it_comes_and_again_as_it_goes_is_one_thing_to_the_end(found):
+    clouds, votes, things = found
+    car, count = things[0], len(clouds)
+    coming, going = _cut(car, 0, count * 3 // 4, clouds), _cut(car, count // 4, count, clouds)
+    for unite in (join_covered, resolve_overlaps):
+        (whole,) = unite([coming, going], clouds, votes)
+        assert whole.sweeps == car.sweeps
+        assert whole.point_count == car.point_count
+
+
+def test_where_two_in_one_place_cannot_be_joined_the_rest_of_the_smaller_one_is_kept(found, monkeypatch):
+    clouds, votes, things = found
+    car, count = things[0], len(clouds)
+    coming, going = _cut(car, 0, count * 3 // 4, clouds), _cut(car, count // 4, count, clouds)
+    monkeypatch.setattr(interpenetration, "join", lambda *_: None)
+    parts = join_covered([coming, going], clouds, votes)
+    assert sorted(sweep for part in parts for sweep in part.sweeps) == car.sweeps, "each sweep once"
+    brief = _cut(car, count * 3 // 4 - 6, count * 3 // 4 + LASTING - 1, clouds)
+    assert join_covered([coming, brief], clouds, votes) == [coming], "too few sweeps to be worth keeping"
+
+
+def test_the_motion_of_all_of_the_time_is_judged_not_that_of_the_first_sweeps():
+    rng = np.random.default_rng(0)
+    shape = rng.uniform([-2, -0.9, 0.3], [2, 0.9, 1.5], (80, 3)).astype(np.float32)
+    places = np.column_stack([0.5 * np.arange(60), np.zeros(60)])
+    parts = [shape + np.array([*place, 0]) for place in places]
+    steady = motion_ratio(parts, places)
+    assert steady < 0.05
+    for first in range(20):  # far off still: each sweep meets another bit of it
+        parts[first] = parts[first][[4 * first]] + np.array([[0, 0, 0.4 * (first % 3)]])
+    assert motion_ratio(parts, places) < 0.5
+
+
+def test_what_nobody_saw_through_and_few_sweeps_met_is_no_mover(found):
+    clouds, _, things = found
+    clouds = [replace(cloud, images=()) for cloud in clouds]
+
+    def judge(count):
+        clusters = [replace(one, seen_through=0.0) for one in things[0].clusters[:count]]
+        apart = [replace(cloud, position=cloud.position + np.array([0, 60, 0])) for cloud in clouds]
+        return why_not(replace(things[0], clusters=clusters, core_seen=0.0), apart)
+
+    assert judge(UNSEEN_SWEEPS) == ""
+    assert judge(UNSEEN_SWEEPS - 1).startswith("never seen through")
 
 
 def _every_fourth_row(cloud):

@@ -22,6 +22,13 @@ def test_an_awning_above_a_walker_is_no_part_of_them():
     assert max(box.length, box.width) < 0.7
 
 
+def test_a_few_points_between_a_walker_and_the_awning_change_nothing():
+    awning, shoulder = body(1.4, 1.0, 2.5, 2.2)[:200], body(0.4, 0.4, 2.2, 1.8)[:6]
+    box = fit_box(np.concatenate([body(0.5, 0.5, 1.8), awning, shoulder]), VIEWS)
+    assert box.label == "Pedestrian"
+    assert max(box.length, box.width) < 0.7
+
+
 def test_air_between_the_body_and_the_roof_of_a_van_does_not_cut_it():
     roof = body(4.8, 1.9, 2.6, 2.5)[:200]
     box = fit_box(np.concatenate([body(4.8, 1.9, 2.0), roof]), VIEWS)

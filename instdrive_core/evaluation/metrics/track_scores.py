@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
@@ -34,8 +34,13 @@ class Mover:
     track: Track
     times: Float64[ndarray, " s"]
     """Times of the sweeps that show it within reach, seconds."""
-    points: int
-    """In the sweep that shows most of it."""
+    counts: Int64[ndarray, " s"]
+    """Points that met it in each."""
+
+    @property
+    def points(self) -> int:
+        """Points in the sweep that shows most of it."""
+        return int(self.counts.max())
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,8 @@ class TrackScores:
     """With at least `SOME`."""
     errors: Float64[ndarray, " e"]
     """Metres between centres along the ground, of every matched step of the movers found."""
+    followed: float
+    """Share of the points on all movers, in all sweeps, that lie where a found box is matched."""
     switches: int
     false: int
     """Found tracks that are nothing annotated as moving."""
@@ -62,7 +69,7 @@ def find_annotated_movers(clip: Clip) -> list[Mover]:
     """Movers of a clip's annotations, each object once, with the sweeps that show them."""
     tracks = merge_twins(clip.true_tracks).tracks
     places = {frame.view.time: frame.view.camera.position for frame in clip.frames}
-    movers: dict[str, tuple[list[float], int]] = {track.id: ([], 0) for track in tracks}
+    movers: dict[str, list[tuple[float, int]]] = {track.id: [] for track in tracks}
     for sweep in clip.sweeps:
         points = sweep.load().points
         ego = places[min(places, key=lambda time: abs(time - sweep.time))]
@@ -74,13 +81,13 @@ def find_annotated_movers(clip: Clip) -> list[Mover]:
                 continue
             near = points[np.abs(points[:, :2] - pose[:2, 3]).max(axis=1) < track.dimensions.max() + 1]
             count = int(find_points_inside(near, pose, track.dimensions, MARGIN, BOTTOM).sum())
-            times, most = movers[track.id]
-            movers[track.id] = ([*times, sweep.time] if count else times, max(most, count))
+            if count:
+                movers[track.id].append((sweep.time, count))
     found = []
     for track in tracks:
-        times, most = movers[track.id]
-        if len(times) >= 2 and _path(track, np.array(times)) > MIN_PATH:
-            found.append(Mover(track, np.array(times), most))
+        times = np.array([time for time, _ in movers[track.id]])
+        if len(times) >= 2 and _path(track, times) > MIN_PATH:
+            found.append(Mover(track, times, np.array([count for _, count in movers[track.id]])))
     return found
 
 
@@ -93,6 +100,7 @@ def score_tracks(found: tuple[Track, ...], movers: list[Mover], every: tuple[Tra
         every: all annotated tracks: what lies on one that moves at all, or beyond reach, is not false.
     """
     matches: dict[str, list[tuple[str, float]]] = {mover.track.id: [] for mover in movers}
+    followed = 0
     hits: dict[str, int] = {track.id: 0 for track in found}
     for time in sorted({float(time) for mover in movers for time in mover.times}):
         here = [mover for mover in movers if np.any(np.abs(mover.times - time) < 1e-6)]
@@ -107,6 +115,7 @@ def score_tracks(found: tuple[Track, ...], movers: list[Mover], every: tuple[Tra
         for row, column in zip(*linear_sum_assignment(cost), strict=True):
             if distance[row, column] < reach[row, 0]:
                 matches[here[row].track.id].append((there[column].id, float(distance[row, column])))
+                followed += int(here[row].counts[np.abs(here[row].times - time) < 1e-6][0])
                 hits[there[column].id] += 1
     is_found = {mover.track.id: len(matches[mover.track.id]) >= FOUND_SHARE * len(mover.times) for mover in movers}
     many = [mover for mover in movers if mover.points >= MANY]
@@ -124,6 +133,7 @@ def score_tracks(found: tuple[Track, ...], movers: list[Mover], every: tuple[Tra
         sum(is_found[mover.track.id] for mover in some),
         len(some),
         np.array(errors),
+        followed / max(1, sum(int(mover.counts.sum()) for mover in movers)),
         switches,
         len(false),
         tuple(mover.track.id for mover in some if not is_found[mover.track.id]),
