@@ -23,8 +23,8 @@ def test_an_awning_above_a_walker_is_no_part_of_them():
 
 
 def test_a_few_points_between_a_walker_and_the_awning_change_nothing():
-    awning, shoulder = body(1.4, 1.0, 2.5, 2.2)[:200], body(0.4, 0.4, 2.2, 1.8)[:6]
-    box = fit_box(np.concatenate([body(0.5, 0.5, 1.8), awning, shoulder]), VIEWS)
+    awning, twigs = body(1.4, 1.0, 2.5, 2.2)[:200], np.column_stack([np.zeros((5, 2)), np.linspace(1.82, 2.18, 5)])
+    box = fit_box(np.concatenate([body(0.5, 0.5, 1.8), awning, twigs]), VIEWS)
     assert box.label == "Pedestrian"
     assert max(box.length, box.width) < 0.7
 
