@@ -17,6 +17,8 @@ CAR, VAN = (4.6, 1.88), (6.0, 2.4)
 HOOD, HOOD_HEIGHT, LOWEST = 1.1, 0.9, 5
 """Metres from a car's front to its windscreen, and height of the hood in between; percent of the points that may lie
 lower where others hide it."""
+SLIM = ("Pedestrian", "Bicycle")
+"""Labels of people, on foot and on two wheels."""
 TWO_WHEELER, PERSON = (1.8, 0.7), (0.6, 0.6)
 PERSON_LENGTH, PERSON_WIDTH, PERSON_HEIGHTS = 1.25, 1.1, (0.9, 2.2)
 """Metres that a person's points measure at most, and the heights between which they end."""
@@ -88,7 +90,7 @@ def _drop_overhead(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "k 3"]:
 def looks_like_person(points: Float64[ndarray, "n 3"]) -> bool:
     """Whether points in a thing's frame, z above the ground, measure like somebody on foot or on two wheels."""
     low, high = _measure(points)
-    return classify_box(high[:2] - low[:2], float(high[2]))[0] in ("Pedestrian", "Bicycle")
+    return classify_box(high[:2] - low[:2], float(high[2]))[0] in SLIM
 
 
 def classify_box(size: Float64[ndarray, "2"], height: float) -> tuple[str, tuple[float, float]]:

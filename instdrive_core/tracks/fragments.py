@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.tracks.boxes import classify_box
+from instdrive_core.tracks.boxes import SLIM, classify_box
 from instdrive_core.tracks.candidates import Cluster, make_cluster
 from instdrive_core.tracks.nearest import align, nearest_distances, sample_evenly
 from instdrive_core.tracks.range_images import Votes
@@ -79,7 +79,7 @@ def may_measure_alike(first: SolvedThing, second: SolvedThing) -> bool:
     """Whether both may be views of one thing: what walked for long, and was seen whole, is no part of a car."""
     for one, other in ((first, second), (second, first)):
         size, height = measure(one)
-        is_slim = classify_box(size, height)[0] in ("Pedestrian", "Bicycle")
+        is_slim = classify_box(size, height)[0] in SLIM
         if is_slim and len(one.clusters) >= WHOLE and measure(other)[0].max() > size.max() + OUTGROWN:
             return False
     return True

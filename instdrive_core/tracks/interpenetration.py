@@ -12,6 +12,7 @@ from numpy import ndarray
 from instdrive_core.tracks.boxes import TrackBox
 from instdrive_core.tracks.candidates import Cluster
 from instdrive_core.tracks.fragments import into_frame, join, may_be_one, may_measure_alike
+from instdrive_core.tracks.motion_tests import MIN_SWEEPS
 from instdrive_core.tracks.range_images import Votes
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
 from instdrive_core.tracks.strict_test import is_mover
@@ -29,9 +30,7 @@ share of a thing's sweeps from which on none of it is its own."""
 GRID = 8
 """Places along either side of a box by which its area is compared."""
 COVERED = 0.5
-"""Share of a thing's points that are another's as well from which on both are one."""
-LASTING = 5
-"""Sweeps in which a thing is followed, before or after the one that it overlaps, if it is worth keeping there."""
+"""Share of a thing's points that are others' as well from which on it is one with the other that has most of them."""
 
 
 def join_covered(things: list[SolvedThing], clouds: list[SweepCloud], votes: list[Votes]) -> list[SolvedThing]:
@@ -94,7 +93,7 @@ def _unite(
 
 def _solve_rest(thing: SolvedThing, clusters: list[Cluster], clouds: list[SweepCloud]) -> SolvedThing | None:
     """A thing in some of its sweeps, solved again; None where these are too few."""
-    if len(clusters) < LASTING:
+    if len(clusters) < MIN_SWEEPS:
         return None
     rest = solve_thing(clusters, clouds, [thing.trajectory])
     return None if rest is None else replace(rest, core_seen=thing.core_seen)

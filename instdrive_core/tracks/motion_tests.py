@@ -180,7 +180,7 @@ def _pair_nearest_in_time(places: Float64[ndarray, "c 2"]) -> list[tuple[int, in
     for first, is_apart in enumerate(apart):
         before, after = np.flatnonzero(is_apart[:first])[-1:], first + 1 + np.flatnonzero(is_apart[first + 1 :])[:1]
         pairs += [(first, int(second)) for second in (*before, *after)]
-    return pairs[:: -(-len(pairs) // COMPARED) or 1]
+    return pairs[:: max(1, -(-len(pairs) // COMPARED))]
 
 
 def carry(points: ndarray, place: ndarray, yaw: float, new_place: ndarray, new_yaw: float) -> ndarray:

@@ -64,11 +64,12 @@ class SolvedThing:
         seen_by = np.repeat(np.arange(len(self.observations)), np.diff(self.packed.starts))
         cells = np.floor(local / LASTING_CELL).astype(np.int64)
         _, cell = np.unique(cells, axis=0, return_inverse=True)
-        times = np.bincount(np.unique(np.column_stack([cell, seen_by]), axis=0)[:, 0])[cell] / len(self.observations)
-        core = local[times >= OF_PEOPLE]
+        met = np.unique(np.column_stack([cell, seen_by]), axis=0)[:, 0]
+        often = np.bincount(met)[cell] / len(self.observations)
+        core = local[often >= OF_PEOPLE]
         if 2 * len(core) > len(local) and looks_like_person(core):
             return core
-        return local[times >= LASTING] if np.mean(times >= LASTING) > 0.5 else local
+        return local[often >= LASTING] if np.mean(often >= LASTING) > 0.5 else local
 
     def box(self, clouds: list[SweepCloud]) -> TrackBox:
         """Its box."""

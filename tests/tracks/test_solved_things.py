@@ -11,8 +11,8 @@ from instdrive_core.tracks.candidates import make_cluster
 from instdrive_core.tracks.extension import extend_in_time
 from instdrive_core.tracks.finder import find_things, vote
 from instdrive_core.tracks.fragments import merge_fragments
-from instdrive_core.tracks.interpenetration import LASTING, join_covered, resolve_overlaps
-from instdrive_core.tracks.motion_tests import carry, motion_ratio
+from instdrive_core.tracks.interpenetration import join_covered, resolve_overlaps
+from instdrive_core.tracks.motion_tests import MIN_SWEEPS, carry, motion_ratio
 from instdrive_core.tracks.solved_thing import solve_thing
 from instdrive_core.tracks.strict_test import STEADY_RATIO, STEADY_SWEEPS, UNSEEN_SWEEPS, why_not
 from instdrive_core.tracks.sweep_clouds import gather_clouds
@@ -115,7 +115,7 @@ def test_where_two_in_one_place_cannot_be_joined_the_rest_of_the_smaller_one_is_
     monkeypatch.setattr(interpenetration, "join", lambda *_: None)
     parts = join_covered([coming, going], clouds, votes)
     assert sorted(sweep for part in parts for sweep in part.sweeps) == car.sweeps, "each sweep once"
-    brief = _cut(car, count * 3 // 4 - 6, count * 3 // 4 + LASTING - 1, clouds)
+    brief = _cut(car, count * 3 // 4 - 6, count * 3 // 4 + MIN_SWEEPS - 1, clouds)
     assert join_covered([coming, brief], clouds, votes) == [coming], "too few sweeps to be worth keeping"
 
 
