@@ -2,36 +2,16 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 from imgui_bundle import imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import QUIET, ask_to_wait, run_or_explain
 from instdrive_app.language.translation import make_label, translate
+from instdrive_app.panels.widgets.shortcuts import is_shortcut_pressed
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, begin_icon_submenu, draw_icon_menu_item
-from instdrive_app.preferences.key_presets import KEY_NAMES, PRESETS
+from instdrive_app.preferences.key_presets import PRESETS
 from instdrive_app.preferences.themes import DIM, TEXT
-
-_MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
-_NAMED = {
-    "LeftArrow": "left_arrow",
-    "RightArrow": "right_arrow",
-    "=": "equal",
-    "-": "minus",
-    "[": "left_bracket",
-    "]": "right_bracket",
-    ",": "comma",
-    ".": "period",
-    "/": "slash",
-    ";": "semicolon",
-    "'": "apostrophe",
-    "`": "grave_accent",
-    "\\": "backslash",
-    "PageDown": "page_down",
-    "PageUp": "page_up",
-}
 
 
 def draw_menus(ui: Ui) -> None:
@@ -90,7 +70,7 @@ def run_shortcuts(ui: Ui) -> None:
         return  # W A S D fly
     for command in ui.session.actions:
         shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
-        if any(imgui.is_key_chord_pressed(parse_shortcut(shortcut)) for shortcut in shortcuts):
+        if any(is_shortcut_pressed(shortcut) for shortcut in shortcuts):
             if ui.session.sketches.shown is None:
                 run_or_explain(ui.session, command)
             elif not QUIET.intersection(command.shortcuts):
@@ -102,32 +82,6 @@ def _close_by_escape() -> None:
     opened = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
     if opened and imgui.is_key_pressed(imgui.Key.escape, False) and not imgui.internal.get_top_most_popup_modal():
         imgui.internal.close_popup_to_level(0, True)
-
-
-@cache
-def parse_shortcut(shortcut: str) -> int:
-    """Convert a shortcut such as ``Ctrl+Shift+Z`` to ImGui's key chord.
-
-    Raises KeyError or AttributeError for a key that does not exist.
-    """
-    *modifiers, key = shortcut.split("+")
-    name = _NAMED.get(key, key.lower())
-    chord = int(getattr(imgui.Key, f"_{name}" if name.isdigit() else name))
-    for modifier in modifiers:
-        chord |= int(_MODIFIERS[modifier])
-    return chord
-
-
-def read_pressed_shortcut() -> str | None:
-    """Read the shortcut whose keys are pressed in this frame, e.g. ``Ctrl+D``; None where none is."""
-    io = imgui.get_io()
-    held = [word for word, on in (("Ctrl", io.key_ctrl), ("Alt", io.key_alt), ("Shift", io.key_shift)) if on]
-    pressed = next((key for key in KEY_NAMES if imgui.is_key_pressed(_parse_key(key), False)), None)
-    return None if pressed is None else "+".join((*held, pressed))
-
-
-def _parse_key(key: str) -> imgui.Key:
-    return imgui.Key(parse_shortcut(key))
 
 
 def format_action_title(command: Action) -> str:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from imgui_bundle import imgui
+from jaxtyping import Float64
+from numpy import ndarray
 
 from instdrive_app.language.translation import make_label, translate
 from instdrive_app.panels.inspector.rows import draw_fact, draw_widget_label
 from instdrive_app.panels.widgets.codeword import draw_bit_squares
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
+from instdrive_app.session.selection_box import SelectionBoxes
 from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.table import Instance
@@ -25,6 +28,8 @@ class FactsSection:
     def __init__(self) -> None:
         self._class = TextField("class")
         self._known: VersionedCache[tuple[set[str], int, int]] = VersionedCache()
+        self._boxes = SelectionBoxes()
+        self._size: VersionedCache[Float64[ndarray, "3"]] = VersionedCache()
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """Draw one frame."""
@@ -42,7 +47,7 @@ class FactsSection:
         ui.mark("inspector.classes")
         self._draw_class_popup(ui, document, ids)
         if len(ids) == 1:
-            _draw_single_instance(document, table[ids[0]])
+            self._draw_single_instance(ui, document, table[ids[0]])
         else:
             draw_fact("Splats", phrase("{drawn:,}", drawn=drawn))
         if selected < drawn:
@@ -70,6 +75,34 @@ class FactsSection:
                 ui.session.labels.set_class(ids, name)
             ui.mark(f"inspector.class.{name or 'unknown'}")
         imgui.end_popup()
+
+    def _draw_single_instance(self, ui: Ui, document: Document, instance: Instance) -> None:
+        summary = document.summarize_instance(instance.id)
+        drawn = (
+            phrase("{drawn:,}", drawn=summary.drawn)
+            if summary.drawn == summary.count
+            else phrase("{drawn:,} of {count:,}", drawn=summary.drawn, count=summary.count)
+        )
+        draw_fact("Splats", drawn)
+        if summary.count:
+            width, length, height = self._find_size(document, instance.id, ui.session.state.time)
+            draw_fact("Size", f"{length:.2f} × {width:.2f} × {height:.2f} m")
+            if imgui.is_item_hovered():
+                imgui.set_tooltip(translate("Length × width × height"))
+        if instance.node:
+            track = document.scene.actors[instance.node - 1]
+            draw_fact("Moves", phrase("{length:.1f} m along its track", length=track.compute_path_length()))
+        if document.scene.code_bits:
+            draw_fact("Codeword", str(instance.codeword))
+            imgui.same_line(0, scale_pixels(10))
+            imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scale_pixels(9)) / 2)
+            draw_bit_squares(instance.codeword, document.scene.code_bits, scale_pixels(9), scale_pixels(2))
+
+    def _find_size(self, document: Document, instance_id: int, time: float) -> Float64[ndarray, "3"]:
+        """Width, length and height of the box that the gizmo holds, kept until something changes."""
+        versions = document.versions
+        key = (instance_id, versions.geometry, versions.table, versions.states)
+        return self._size.get(document, key, lambda: self._boxes.find_box(document, (instance_id,), time).size)
 
 
 class TextField:
@@ -99,24 +132,3 @@ class TextField:
         cancelled = imgui.is_key_pressed(imgui.Key.escape)
         text = text.strip()
         return text if text != present and not cancelled else None
-
-
-def _draw_single_instance(document: Document, instance: Instance) -> None:
-    summary = document.summarize_instance(instance.id)
-    drawn = (
-        phrase("{drawn:,}", drawn=summary.drawn)
-        if summary.drawn == summary.count
-        else phrase("{drawn:,} of {count:,}", drawn=summary.drawn, count=summary.count)
-    )
-    draw_fact("Splats", drawn)
-    low, high = instance.bounds
-    size = [b - a for a, b in zip(low, high, strict=True)]
-    draw_fact("Size", f"{size[0]:.2f} × {size[1]:.2f} × {size[2]:.2f} m")
-    if instance.node:
-        track = document.scene.actors[instance.node - 1]
-        draw_fact("Moves", phrase("{length:.1f} m along its track", length=track.compute_path_length()))
-    if document.scene.code_bits:
-        draw_fact("Codeword", str(instance.codeword))
-        imgui.same_line(0, scale_pixels(10))
-        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scale_pixels(9)) / 2)
-        draw_bit_squares(instance.codeword, document.scene.code_bits, scale_pixels(9), scale_pixels(2))

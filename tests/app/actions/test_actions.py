@@ -7,7 +7,7 @@ from instdrive_app.action import Action, ActionRegistry
 from instdrive_app.actions import register_actions
 from instdrive_app.actions.conditions import explain_disabled
 from instdrive_app.panels.dialogs.command_palette import _list_matches
-from instdrive_app.panels.menus import parse_shortcut
+from instdrive_app.panels.widgets.shortcuts import parse_shortcut
 from instdrive_app.panels.widgets.ui import get_icon
 from instdrive_app.panels.window_menu import list_panel_actions
 from instdrive_app.session.editor_session import EditorSession

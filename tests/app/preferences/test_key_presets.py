@@ -6,7 +6,7 @@ from collections import Counter
 import pytest
 
 from instdrive_app.actions import register_actions
-from instdrive_app.panels.menus import parse_shortcut
+from instdrive_app.panels.widgets.shortcuts import parse_shortcut
 from instdrive_app.panels.window_menu import list_panel_actions
 from instdrive_app.preferences.key_presets import LEFT, MIDDLE, PRESETS, RIGHT, merge_keys, read_keys, write_keys
 from instdrive_app.preferences.preferences import Preferences, PreferenceStore, read_preferences
