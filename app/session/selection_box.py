@@ -13,7 +13,7 @@ from numpy import ndarray
 from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.bases.deferred_bounds import DeferredBounds
 from instdrive_core.edits.document.document import Document, InstanceCounts
-from instdrive_core.edits.queries.placement import find_solid
+from instdrive_core.edits.queries.placement import drop_strays, find_solid
 from instdrive_core.instances.oriented_box import fit_upright_box
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity, extract_scale
@@ -123,7 +123,10 @@ def _find_track_box(document: Document, node: int, time: float) -> Box:
 
 
 def _find_trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
-    """Find the upright box of an instance's remaining solid splats as trained, in a scene turned by `home`."""
+    """Find the upright box of an instance's remaining solid splats as trained, in a scene turned by `home`.
+
+    Strays do not count: splats below the road made a parked pickup 7 m long.
+    """
     rows = document.find_rows((instance_id,))
     left = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
     rows = left if len(left) else rows
@@ -131,7 +134,8 @@ def _find_trained_box(document: Document, instance_id: int, home: Similarity) ->
     opacities = document.scene.gaussians.opacities[rows]
     rows = rows[find_solid(opacities)]
     means = document.scene.gaussians.means[rows].astype(np.float64) @ home[:, :3].T + home[:, 3]
-    found = fit_upright_box(means, np.zeros((len(rows), 3, 3)))
+    shape = drop_strays(means)
+    found = fit_upright_box(shape, np.zeros((len(shape), 3, 3)))
     longer, across, up = found.rotation.T
     box = Box(found.center, np.stack([-across, longer, up], axis=1), found.size[[1, 0, 2]])
     return box if longer[1] >= 0 else replace(box, axes=box.axes * [-1, -1, 1])
