@@ -6,7 +6,6 @@ from imgui_bundle import imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.language.translation import make_label, translate
-from instdrive_app.panels.widgets.shortcuts import read_pressed_shortcut
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, scale_pixels, scale_size
 from instdrive_app.preferences.key_presets import PRESETS, find_owner
 from instdrive_app.session.requests import AskPath
@@ -82,7 +81,7 @@ class KeyList:
         if imgui.is_key_pressed(imgui.Key.escape, False):
             self._waiting = ""
             return
-        pressed = read_pressed_shortcut()
+        pressed = ui.keys.read()
         if pressed is None:
             return
         owner = find_owner({command.id: command.shortcuts for command in ui.session.actions}, pressed, self._waiting)

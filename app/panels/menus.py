@@ -7,7 +7,6 @@ from imgui_bundle import imgui
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import QUIET, ask_to_wait, run_or_explain
 from instdrive_app.language.translation import make_label, translate
-from instdrive_app.panels.widgets.shortcuts import is_shortcut_pressed
 from instdrive_app.panels.widgets.theme import rgba
 from instdrive_app.panels.widgets.ui import Ui, begin_icon_submenu, draw_icon_menu_item
 from instdrive_app.preferences.key_presets import PRESETS
@@ -61,6 +60,7 @@ def run_shortcuts(ui: Ui) -> None:
     None runs while text is typed, a dialog is open, or a region or handle is dragged, nor by a key that the focused
     panel uses itself.
     """
+    ui.keys.update()
     _close_by_escape()
     claimed, ui.claimed_shortcuts = ui.claimed_shortcuts, frozenset()
     io, dragged = imgui.get_io(), ui.tool.outline or ui.session.movement.drag is not None
@@ -70,7 +70,7 @@ def run_shortcuts(ui: Ui) -> None:
         return  # W A S D fly
     for command in ui.session.actions:
         shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
-        if any(is_shortcut_pressed(shortcut) for shortcut in shortcuts):
+        if any(ui.keys.is_pressed(shortcut) for shortcut in shortcuts):
             if ui.session.sketches.shown is None:
                 run_or_explain(ui.session, command)
             elif not QUIET.intersection(command.shortcuts):

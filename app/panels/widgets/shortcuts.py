@@ -9,8 +9,8 @@ from imgui_bundle import imgui
 from instdrive_app.preferences.key_presets import KEY_NAMES
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Alt": imgui.Key.mod_alt, "Shift": imgui.Key.mod_shift}
-_SYSTEM = imgui.Key.mod_super
-"""Part of no shortcut; with it a key means something to the desktop."""
+_HOLDABLE = _MODIFIERS | {"super": imgui.Key.mod_super}
+"""With the last one a key means something to the desktop: it is part of no shortcut."""
 _NAMED = {
     "LeftArrow": "left_arrow",
     "RightArrow": "right_arrow",
@@ -43,29 +43,41 @@ def parse_shortcut(shortcut: str) -> int:
     return chord
 
 
-def is_shortcut_pressed(shortcut: str) -> bool:
-    """Whether the shortcut's key went down in this frame, with its modifiers held and no others.
+class PressedKeys:
+    """Which shortcut was pressed in a frame.
 
-    A modifier that was let go in this frame counts as held: where frames last long, both fall into one.
+    Where frames last long, a key goes down and its modifier up in one. Then the modifier still counts, unless
+    another key or a mouse button was pressed while it was held: that one was meant by it.
     """
-    *modifiers, key = shortcut.split("+")
-    return imgui.is_key_pressed(_parse_key(key), False) and _read_held() == set(modifiers)
 
+    def __init__(self) -> None:
+        self._down: set[str] = set()
+        self._is_used = False
+        """Whether a key or a button was pressed while the modifiers were held."""
+        self._held: set[str] = set()
 
-def read_pressed_shortcut() -> str | None:
-    """Read the shortcut whose keys are pressed in this frame, e.g. ``Ctrl+D``; None where none is."""
-    pressed = next((key for key in KEY_NAMES if imgui.is_key_pressed(_parse_key(key), False)), None)
-    held = _read_held()
-    return None if pressed is None else "+".join((*(name for name in _MODIFIERS if name in held), pressed))
+    def update(self) -> None:
+        """Look at the keyboard; to be called once in each frame, whether anybody asks or not."""
+        down = {name for name, key in _HOLDABLE.items() if imgui.is_key_down(key)}
+        let_go = set() if self._is_used else self._down - down
+        self._held = down | let_go
+        pressed = any(imgui.is_key_pressed(_parse_key(key), False) for key in KEY_NAMES)
+        pressed |= any(imgui.is_mouse_clicked(button) for button in range(3)) or imgui.get_io().mouse_wheel != 0
+        self._is_used = bool(down) and (self._is_used or pressed)
+        self._down = down
+
+    def is_pressed(self, shortcut: str) -> bool:
+        """Whether the shortcut's key went down in this frame, with its modifiers held and no others."""
+        *modifiers, key = shortcut.split("+")
+        return imgui.is_key_pressed(_parse_key(key), False) and self._held == set(modifiers)
+
+    def read(self) -> str | None:
+        """Read the shortcut whose keys are pressed in this frame, e.g. ``Ctrl+D``; None where none is."""
+        pressed = next((key for key in KEY_NAMES if imgui.is_key_pressed(_parse_key(key), False)), None)
+        return None if pressed is None else "+".join((*(name for name in _MODIFIERS if name in self._held), pressed))
 
 
 @cache
 def _parse_key(key: str) -> imgui.Key:
     name = _NAMED.get(key, key.lower())
     return getattr(imgui.Key, f"_{name}" if name.isdigit() else name)
-
-
-def _read_held() -> set[str]:
-    """Modifiers that are down, or were until this frame."""
-    keys = _MODIFIERS | {"super": _SYSTEM}
-    return {name for name, key in keys.items() if imgui.is_key_down(key) or imgui.is_key_released(key)}

@@ -13,6 +13,7 @@ from instdrive_app.action import Action, format_shortcut
 from instdrive_app.actions.conditions import run_or_explain
 from instdrive_app.jobs import Job
 from instdrive_app.language.translation import translate
+from instdrive_app.panels.widgets.shortcuts import PressedKeys
 from instdrive_app.panels.widgets.theme import FONT_SIZE, Fonts, pack_color, rgba
 from instdrive_app.pointer import Tool
 from instdrive_app.preferences.instance_colors import paint_safe_colors
@@ -71,6 +72,7 @@ class Ui:
     """Position in the picture, in its pixels, where a script holds the pointer instead of the mouse."""
     popup_open: bool = False
     """Whether a menu or dialog was open when the last frame ended: the key that closed it must do nothing else."""
+    keys: PressedKeys = field(default_factory=PressedKeys)
     claimed_shortcuts: frozenset[str] = frozenset()
     """Shortcuts of commands that a panel with the keyboard has used for itself in the frame before."""
     marks: dict[str, Rect] = field(default_factory=dict)

@@ -3,10 +3,10 @@
 import pytest
 from imgui_bundle import imgui
 
-from instdrive_app.panels.widgets.shortcuts import is_shortcut_pressed, read_pressed_shortcut
+from instdrive_app.panels.widgets.shortcuts import PressedKeys
 
 CTRL, SHIFT = (imgui.Key.left_ctrl, imgui.Key.mod_ctrl), (imgui.Key.left_shift, imgui.Key.mod_shift)
-Z = (imgui.Key.z,)
+Z, DELETE = (imgui.Key.z,), (imgui.Key.delete,)
 
 
 @pytest.fixture
@@ -17,15 +17,17 @@ def frame():
     io.display_size = imgui.ImVec2(100, 100)
     io.backend_flags |= imgui.BackendFlags_.renderer_has_textures
     io.set_ini_filename("")
+    keys = PressedKeys()
 
     def draw(*events):
-        for keys, is_down in events:
-            for key in keys:
+        for given, is_down in events:
+            for key in given:
                 io.add_key_event(key, is_down)
         imgui.new_frame()
-        shortcuts = ("Z", "Ctrl+Z", "Shift+Z", "Ctrl+Shift+Z")
-        pressed = [shortcut for shortcut in shortcuts if is_shortcut_pressed(shortcut)]
-        assert pressed == [shortcut for shortcut in (read_pressed_shortcut(),) if shortcut]
+        keys.update()
+        shortcuts = ("Z", "Ctrl+Z", "Shift+Z", "Ctrl+Shift+Z", "Delete")
+        pressed = [shortcut for shortcut in shortcuts if keys.is_pressed(shortcut)]
+        assert pressed == [shortcut for shortcut in (keys.read(),) if shortcut]
         imgui.end_frame()
         return pressed
 
@@ -55,3 +57,9 @@ def test_held_modifiers_are_all_of_the_shortcut_and_a_held_key_is_pressed_once(f
     assert frame() == frame() == []
     assert frame((Z, False), (SHIFT, False)) == []
     assert frame((Z, True)) == ["Ctrl+Z"]
+
+
+def test_a_modifier_that_served_its_key_is_let_go(frame):
+    frame()
+    assert frame((CTRL, True), (Z, True)) == ["Ctrl+Z"]
+    assert frame((Z, False), (CTRL, False), (DELETE, True)) == ["Delete"]
