@@ -73,6 +73,7 @@ class Ui:
     popup_open: bool = False
     """Whether a menu or dialog was open when the last frame ended: the key that closed it must do nothing else."""
     keys: PressedKeys = field(default_factory=PressedKeys)
+    """Says which shortcut is pressed in this frame."""
     claimed_shortcuts: frozenset[str] = frozenset()
     """Shortcuts of commands that a panel with the keyboard has used for itself in the frame before."""
     marks: dict[str, Rect] = field(default_factory=dict)
