@@ -9,8 +9,6 @@ from imgui_bundle import imgui
 from instdrive_app.preferences.key_presets import KEY_NAMES
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Alt": imgui.Key.mod_alt, "Shift": imgui.Key.mod_shift}
-_HOLDABLE = _MODIFIERS | {"super": imgui.Key.mod_super}
-"""With the last one a key means something to the desktop: it is part of no shortcut."""
 _NAMED = {
     "LeftArrow": "left_arrow",
     "RightArrow": "right_arrow",
@@ -51,30 +49,30 @@ class PressedKeys:
     """
 
     def __init__(self) -> None:
-        self._down: set[str] = set()
+        self._down, self._held = 0, 0
+        """Modifiers that are down, and that count, as in ImGui's key chords."""
         self._is_used = False
         """Whether a key or a button was pressed while the modifiers were held."""
-        self._held: set[str] = set()
+        self._pressed: tuple[str, ...] = ()
 
     def update(self) -> None:
         """Look at the keyboard; to be called once in each frame, whether anybody asks or not."""
-        down = {name for name, key in _HOLDABLE.items() if imgui.is_key_down(key)}
-        let_go = set() if self._is_used else self._down - down
-        self._held = down | let_go
-        pressed = any(imgui.is_key_pressed(_parse_key(key), False) for key in KEY_NAMES)
-        pressed |= any(imgui.is_mouse_clicked(button) for button in range(3)) or imgui.get_io().mouse_wheel != 0
-        self._is_used = bool(down) and (self._is_used or pressed)
-        self._down = down
+        io = imgui.get_io()
+        let_go = 0 if self._is_used else self._down & ~io.key_mods
+        self._down, self._held = io.key_mods, io.key_mods | let_go
+        self._pressed = tuple(key for key in KEY_NAMES if imgui.is_key_pressed(_parse_key(key), False))
+        clicked = any(imgui.is_mouse_clicked(button) for button in range(3)) or io.mouse_wheel != 0
+        self._is_used = self._down != 0 and (self._is_used or clicked or bool(self._pressed))
 
     def is_pressed(self, shortcut: str) -> bool:
         """Whether the shortcut's key went down in this frame, with its modifiers held and no others."""
-        *modifiers, key = shortcut.split("+")
-        return imgui.is_key_pressed(_parse_key(key), False) and self._held == set(modifiers)
+        chord = parse_shortcut(shortcut)
+        return any(int(_parse_key(key)) | self._held == chord for key in self._pressed)
 
     def read(self) -> str | None:
         """Read the shortcut whose keys are pressed in this frame, e.g. ``Ctrl+D``; None where none is."""
-        pressed = next((key for key in KEY_NAMES if imgui.is_key_pressed(_parse_key(key), False)), None)
-        return None if pressed is None else "+".join((*(name for name in _MODIFIERS if name in self._held), pressed))
+        held = (name for name, key in _MODIFIERS.items() if self._held & key)
+        return "+".join((*held, self._pressed[0])) if self._pressed else None
 
 
 @cache
