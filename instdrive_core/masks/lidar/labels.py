@@ -14,6 +14,7 @@ from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.masks.annotated.labels import OPEN, open_borders
 from instdrive_core.masks.annotated.stuff_regions import merge_into_regions
+from instdrive_core.masks.image.beams import estimate_sensor_position
 from instdrive_core.masks.image.point_drawing import draw_points
 from instdrive_core.masks.image.sky import find_sky_gaps
 from instdrive_core.masks.image.sky_search import SkySearch
@@ -56,7 +57,8 @@ class LidarLabels:
         if not clip.training_sweeps:
             remedy = "Choose another source of masks; `instdrive masks --help` lists them"
             raise DataError(clip.path, "has no LiDAR sweeps to make masks of", remedy)
-        self._scene: LidarScene = build_lidar_scene(clip, posts_apart=False)
+        path = np.array([estimate_sensor_position(clip, sweep.time) for sweep in clip.training_sweeps])
+        self._scene: LidarScene = build_lidar_scene(clip, posts_apart=False).part_ground(path)
         self._things = self._scene.group_things()
         self._sky_search = SkySearch(clip, lambda frame: self._draw(frame.view.camera, frame.view.time)[0] != OPEN)
         self._regions = self._find_regions(clip)
@@ -97,6 +99,7 @@ class LidarLabels:
         drawn, depths = self._draw(camera, frame.view.time)
         seeds, originals = _compact_labels(drawn)
         sky = len(originals)
+        floors = range(*(int(np.searchsorted(originals, end)) for end in (GROUND, self._scene.first_standing)))
         things = range(int(np.searchsorted(originals, self._scene.first_thing)), sky)
         reachable = np.asarray(ndimage.binary_dilation(seeds >= things.start, iterations=THING_REACH))
         seeds[self._sky_search.find_seeds(seeds != OPEN, image, camera)] = sky
@@ -105,7 +108,7 @@ class LidarLabels:
         filled = spread_labels(voted, image, limits, reachable, things)
         filled = spread_labels(filled, np.zeros_like(image), np.full(sky + 1, SEAM, np.float32), reachable, things)
         filled[find_sky_gaps(filled == OPEN, filled == sky, camera)] = sky
-        filled = fill_label_holes(filled, depths, int(np.searchsorted(originals, GROUND)), things)
+        filled = fill_label_holes(filled, depths, floors, things)
         back = np.append(originals, 0).astype(np.int32)
         return np.where(filled == OPEN, OPEN, back[filled]), filled == sky
 

@@ -127,15 +127,15 @@ def vote_by_superpixel(
 
 
 def fill_label_holes(
-    labels: Int32[ndarray, "h w"], depths: Float32[ndarray, "h w"], floor: int, things: range
+    labels: Int32[ndarray, "h w"], depths: Float32[ndarray, "h w"], floors: range, things: range
 ) -> Int32[ndarray, "h w"]:
     """Give small parts that lie within one other label, and not in front of it, to that label: what
-    LiDAR saw through a window, and pixels left open. Things on the floor are no holes in it.
+    LiDAR saw through a window, and pixels left open. Things and pieces of the ground are no holes in the ground.
 
     Args:
         labels: a number per pixel, `OPEN` where nothing is known.
         depths: metres along the optical axis, infinity where no point was drawn.
-        floor: the ground's label.
+        floors: labels of the ground's pieces.
         things: labels of things.
     """
     parts = np.asarray(label(labels - OPEN, background=-1, connectivity=1)) - 1
@@ -151,7 +151,7 @@ def fill_label_holes(
     enclosed = (sides > ENCLOSED * total[found[:, 0]]) & small[found[:, 0]] & (found[:, 1] != OPEN)
     filled, boxes = labels.copy(), ndimage.find_objects(parts + 1)
     for part, outer in found[enclosed].tolist():
-        if outer == floor and of_part[part] in things:
+        if outer in floors and (of_part[part] in things or of_part[part] in floors):
             continue
         box = tuple(slice(max(0, side.start - RIM), side.stop + RIM) for side in boxes[part])
         inside = parts[box] == part

@@ -30,6 +30,7 @@ from instdrive_core.masks.lidar.cluster_motion import MovingCluster, complete_cl
 from instdrive_core.masks.lidar.cluster_parts import claim_insides, join_splinters, join_vehicle_parts, part_queues
 from instdrive_core.masks.lidar.clusters import absorb_small_clusters, cluster_points, thin_rows
 from instdrive_core.masks.lidar.ground import GroundSurface, find_ground, is_ground
+from instdrive_core.masks.lidar.ground_pieces import part_ground
 from instdrive_core.masks.lidar.moving_points import ClusteredSweep, find_moving_clusters
 from instdrive_core.masks.lidar.point_shape import compute_point_shape
 from instdrive_core.masks.lidar.walls import join_wide, part_walls, recognize_stuff
@@ -56,7 +57,8 @@ FOLIAGE = 0.42
 
 @dataclass(frozen=True)
 class LidarScene:
-    """Points with IDs: 1 for the ground, then one for each facade, wall, plant, piece of the backdrop and thing."""
+    """Points with IDs: 1 for the ground, or one for each of its pieces, then one for each facade, wall, plant, piece of
+    the backdrop and thing."""
 
     points: Float32[ndarray, "n 3"]
     """Points of what stands still, in the world."""
@@ -68,6 +70,11 @@ class LidarScene:
     """Moving clusters by time of the sweep that saw them."""
 
     @property
+    def first_standing(self) -> int:
+        """The lowest ID of what stands on the ground."""
+        return int(np.searchsorted(self.kinds, GROUND, side="right"))
+
+    @property
     def first_thing(self) -> int:
         """The lowest ID of a thing."""
         return int(np.searchsorted(self.kinds, THING))
@@ -76,6 +83,16 @@ class LidarScene:
     def ground(self) -> Float32[ndarray, "k 3"]:
         """The points of the ground."""
         return self.points[self.kinds[self.ids] == GROUND]
+
+    def part_ground(self, path: Float64[ndarray, "s 3"]) -> LidarScene:
+        """Give each piece of the ground that kerbs part an ID of its own, the largest one 1; `path` is the sensor's."""
+        pieces = part_ground(self.ground, path)
+        more = pieces.count - 1
+        ids = np.where(self.ids > GROUND, self.ids + more, self.ids).astype(np.uint32)
+        low = self.ids == GROUND
+        ids[low] += pieces.find(self.points[low]).astype(np.uint32)
+        moving = {time: [replace(one, id=one.id + more) for one in found] for time, found in self.moving.items()}
+        return LidarScene(self.points, ids, np.insert(self.kinds, GROUND, np.full(more, GROUND, np.uint32)), moving)
 
     def group_things(self) -> dict[int, Float32[ndarray, "k 3"]]:
         """Group the points of each thing that stands still."""

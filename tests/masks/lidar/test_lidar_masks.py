@@ -186,7 +186,7 @@ def test_what_is_seen_through_a_window_belongs_to_the_car_but_not_what_stands_be
     labels[36:38, 40:42], depths[36:38, 40:42] = OPEN, np.inf
     labels[50:54, 10:14], depths[50:54, 10:14] = 5, 20
     labels[5:8, 5:8] = 2
-    filled = fill_label_holes(labels, depths, floor=1, things=range(3, 6))
+    filled = fill_label_holes(labels, depths, floors=range(1, 2), things=range(3, 6))
     assert (filled[24:28, 30:36] == 3).all()
     assert (filled[36:38, 40:42] == 3).all()
     assert (filled[30:34, 48:52] == 4).all(), "in front of the car"
