@@ -334,7 +334,7 @@ class DeletionReview:
                 for older in self._findings:  # what the photos showed takes tens of megabytes
                     older.report = older.report.forget_photos()
                 self._findings.append(found)
-            if is_told and (is_left or found.report.lacks_ground):
+            if is_told and (is_left or found.report.unfilled):
                 summary = (
                     phrase("{hole} where it stood", hole=found.report.hole_text) if is_move else found.report.summary
                 )

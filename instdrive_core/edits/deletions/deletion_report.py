@@ -54,8 +54,8 @@ class DeletionReport:
     """How many of them each instance has now; 0 = none."""
     clearings: tuple[Clearing, ...]
     """None where nothing that stood on the ground was deleted, or no ground was seen."""
-    lacks_ground: bool = False
-    """Around some of what was deleted no ground was found, so that nobody knows where its hole is."""
+    unfilled: str = ""
+    """Why nothing fills what some of it hid, though photos never showed it; else empty."""
 
     @property
     def name(self) -> str:
@@ -87,7 +87,7 @@ class DeletionReport:
         """``hole of 3.1 m²`` or ``4 holes of 12.2 m²``, and how much of that was in the shadow."""
         count, area, dark = len(self.holes), self.fill_area, self.shadow_area
         if not count:
-            return phrase("no ground found around it to fill from") if self.lacks_ground else phrase("no hole")
+            return self.unfilled or phrase("no hole")
         if count > 1 and dark:
             return phrase(
                 "{count} holes of {area:.1f} m², {dark:.1f} m² of it in the shadow", count=count, area=area, dark=dark
@@ -170,19 +170,19 @@ def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: fl
 def _build_report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
     reviewed = [part for part in parts if _stands_where_it_was(document, part.rows)]
     groups = group_neighbors(document, [(part.instance_id, part.rows) for part in reviewed], time)
-    residue, clearings, lacks_ground = [np.zeros(0, np.int64)], list[Clearing](), False
+    residue, clearings, unfilled = [np.zeros(0, np.int64)], list[Clearing](), ""
     for number, places in enumerate(groups):
         with report_span(number / len(groups), (number + 1) / len(groups)):
             parts_here = [reviewed[place] for place in places]
             found = review_group(document, parts_here, reviewed, time)
         residue.append(found.residue)
-        lacks_ground |= found.lacks_ground
+        unfilled = unfilled or found.unfilled
         record = found.record if len(groups) <= MOST_RECORDS else None
         clearings += [Clearing(_name_parts(parts_here), hole, record) for hole in found.holes]
     left = np.setdiff1d(np.unique(np.concatenate(residue)), join_rows(reviewed), assume_unique=True)
     carried, counts = np.unique(document.scene.instance_ids[left], return_counts=True)
     carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
-    return DeletionReport(tuple(parts), left, carriers, tuple(clearings), lacks_ground)
+    return DeletionReport(tuple(parts), left, carriers, tuple(clearings), unfilled)
 
 
 def _stands_where_it_was(document: Document, rows: Int64[ndarray, " m"]) -> bool:

@@ -18,6 +18,7 @@ from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings
 from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
 from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
 from instdrive_core.progress import report
+from instdrive_core.wording import phrase
 
 MAX_GAP_SHARE = 0.02
 """Share of what a thing hid that may be open to the sky without a fill."""
@@ -45,8 +46,8 @@ class GroupReview:
     holes: tuple[Hole, ...]
     record: PhotoRecord | None
     """What the photos showed of the group; None where none did."""
-    lacks_ground: bool = False
-    """Photos never showed all that the group hid, and no ground was found around it that tells where the hole is."""
+    unfilled: str = ""
+    """Why nothing fills what the group hid, though photos never showed all of it; else empty."""
 
 
 def review_group(
@@ -72,7 +73,8 @@ def review_group(
 
     around, record = look_around(None), None if evidence is None else evidence.record
     if around is None:
-        return GroupReview(residue, (), record)
+        wide = phrase("no photo shows what is behind it, and only holes behind single objects are filled")
+        return GroupReview(residue, (), record, wide if _leaves_gap(evidence) else "")
     ids, gone = tuple(part.instance_id for part in parts), {part.instance_id: part.rows for part in others}
 
     def find_beside(place: Float64[ndarray, "3"]) -> tuple[StandingObject, ...]:
@@ -82,7 +84,8 @@ def review_group(
     holes = [] if hole is None or not (hole.area or hole.behind) else [hole]
     if around.moves and evidence is not None:
         holes += _find_bare_holes(around, evidence, holes, look_around, find_beside)
-    return GroupReview(residue, tuple(holes), record, hole is None and _leaves_gap(evidence))
+    lone = phrase("no ground found around it to fill from") if hole is None and _leaves_gap(evidence) else ""
+    return GroupReview(residue, tuple(holes), record, lone)
 
 
 def _find_bare_holes(
