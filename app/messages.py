@@ -10,6 +10,9 @@ from enum import Enum
 from instdrive_core.wording import Phrase, begin_sentence
 
 TOAST_SECONDS = {"info": 4.0, "error": 10.0}
+"""For how long a toast is shown at least …"""
+READING_SECONDS = 0.06
+"""… and for each of its characters, at which most people read it once with time to look up."""
 MAX_MESSAGES = 500
 
 
@@ -73,5 +76,6 @@ class Messages:
         self._log = [replace(m, shown_until=0.0) if message in (None, m) else m for m in self._log]
 
     def _add(self, level: Level, text: str) -> None:
-        self._log.append(Message(level, text, time.time(), self._clock() + TOAST_SECONDS[level.value]))
+        seconds = max(TOAST_SECONDS[level.value], READING_SECONDS * len(text))
+        self._log.append(Message(level, text, time.time(), self._clock() + seconds))
         del self._log[:-MAX_MESSAGES]

@@ -12,7 +12,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 from numpy import ndarray
 from scipy import ndimage
 from scipy.spatial import KDTree
@@ -50,11 +50,17 @@ class GroundPieces:
         """How many there are."""
         return int(self.numbers.max(initial=0)) + 1
 
+    @property
+    def borders(self) -> Bool[ndarray, "x y"]:
+        """The cells beside another piece: the border lies in one of them, or between."""
+        highest = ndimage.maximum_filter(self.numbers, 3, mode="nearest")
+        return np.asarray(highest != ndimage.minimum_filter(self.numbers, 3, mode="nearest"), bool)
+
     def find(self, points: Float32[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
-        """Find the piece that points lie on; outside of the grid the one at its rim."""
+        """Find the piece that points lie on, outside of the grid the one at its rim; -1 on a border."""
         cells = np.floor((points[:, :2] - self.corner) / CELL).astype(np.int64)
         rows, columns = np.clip(cells, 0, np.array(self.numbers.shape) - 1).T
-        return self.numbers[rows, columns]
+        return np.where(self.borders, -1, self.numbers)[rows, columns]
 
 
 def part_ground(points: Float32[ndarray, "n 3"], path: Float64[ndarray, "s 3"]) -> GroundPieces:

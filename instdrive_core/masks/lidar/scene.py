@@ -85,12 +85,15 @@ class LidarScene:
         return self.points[self.kinds[self.ids] == GROUND]
 
     def part_ground(self, path: Float64[ndarray, "s 3"]) -> LidarScene:
-        """Give each piece of the ground that kerbs part an ID of its own, the largest one 1; `path` is the sensor's."""
+        """Give each piece of the ground that kerbs part an ID of its own, the largest one 1.
+
+        What lies right at a kerb gets none: photos tell better on which side. `path` is the sensor's, metres.
+        """
         pieces = part_ground(self.ground, path)
         more = pieces.count - 1
         ids = np.where(self.ids > GROUND, self.ids + more, self.ids).astype(np.uint32)
         low = self.ids == GROUND
-        ids[low] += pieces.find(self.points[low]).astype(np.uint32)
+        ids[low] = np.maximum(pieces.find(self.points[low]) + GROUND, NONE)
         moving = {time: [replace(one, id=one.id + more) for one in found] for time, found in self.moving.items()}
         return LidarScene(self.points, ids, np.insert(self.kinds, GROUND, np.full(more, GROUND, np.uint32)), moving)
 

@@ -126,7 +126,7 @@ def test_what_stands_on_the_ground_keeps_its_kind_when_the_ground_is_parted():
     assert parted.ids[-2:].tolist() == [4, 5]
     assert [one.id for one in parted.moving[0.5]] == [6]
     assert list(parted.group_things()) == [5]
-    assert len(parted.ground) == len(ground)
+    assert 0.9 * len(ground) < len(parted.ground) < len(ground), "right at a kerb, photos tell better"
 
 
 def test_a_traffic_island_in_a_photo_is_no_hole_in_the_road():
