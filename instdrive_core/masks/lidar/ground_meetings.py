@@ -18,7 +18,7 @@ KERB, SAME_SIDE = 0.04, 0.75
 Lowered and worn kerbs are about so high; ruts and patches of roads half of it."""
 LEAST_PLACES = 4
 """Places where two pieces meet below which these say nothing."""
-GAP, BEND = 6.0, 0.02
+GAP, BEND = 6.0, 0.03
 """Metres behind a car, which is 5 m long, across which ground goes on, and by how much it may rise or fall for each of
 them beyond its slopes: a step there counts as so much lower."""
 AROUND, STIFFNESS = 2.5, 0.01
