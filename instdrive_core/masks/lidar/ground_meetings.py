@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 
 KERB, SAME_SIDE = 0.04, 0.75
 """Metres that half of the places where two pieces meet rise at least, and share of them that rise to the same side.
-Lowered and worn kerbs are about so high; ruts and patches of roads half of it."""
+A kerb of 14 cm measures 5 to 7, less its doubt; ruts and patches of roads 2."""
 LEAST_PLACES = 4
 """Places where two pieces meet below which these say nothing."""
 GAP, BEND = 6.0, 0.03
