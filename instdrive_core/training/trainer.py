@@ -30,6 +30,7 @@ from instdrive_core.training.gaussians.densify import (
 from instdrive_core.training.gaussians.edit_guard import EditGuard
 from instdrive_core.training.gaussians.lineage import Lineage
 from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.gaussians.mover_reach import LIMIT_MOVERS_EVERY, keep_on_movers
 from instdrive_core.training.gaussians.optimizers import Optimizers
 from instdrive_core.training.gaussians.size_limit import limit_sizes
 from instdrive_core.training.gaussians.view_rendering import RenderedView, render_view
@@ -319,6 +320,8 @@ class Trainer:
         config, total = self.config.densify, self.config.geometry.iterations
         if self.iteration % config.every == 0 or self.iteration == total - 1:
             limit_sizes(self.model.parameters, self.model.nodes, None if self.lineage is None else self.lineage.stands)
+        if self.iteration % LIMIT_MOVERS_EVERY == 0 or self.iteration == total - 1:
+            self._keep_on_movers()
         if is_densifying_due(config, self.iteration, total):
             rng = make_generator(self.config.seed, Stream.DENSIFY, self.iteration)
             result = densify_and_prune(
@@ -341,6 +344,11 @@ class Trainer:
         if is_reset_due(config, self.iteration, total):
             reset_opacities(self.model.parameters, self.optimizers.geometry, config)
         return None
+
+    def _keep_on_movers(self) -> None:
+        boxes = np.array([track.dimensions for track in self.model.actor_poses.tracks], np.float64).reshape(-1, 3)
+        spared = None if self.lineage is None else self.lineage.stands
+        keep_on_movers(self.model.parameters, self.model.nodes, boxes, spared)
 
     def continue_on_cpu(self) -> None:
         """Move everything to the CPU: the instance stage is sparse products on frozen geometry, which take no GPU."""

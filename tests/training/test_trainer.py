@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from tiny_training import new_trainer, tiny_config
+from tiny_training import OBJECTS, new_trainer, tiny_config
 
 from instdrive_core.instances.codebook import quantize_features
+from instdrive_core.scene.track import Track
 from instdrive_core.training.checkpoint import load_checkpoint, restore_trainer, save_checkpoint
+from instdrive_core.training.gaussians.model import build_model
 from instdrive_core.training.gaussians.view_rendering import GEOMETRY
 from instdrive_core.training.settings.config import TrainConfig, keep_geometry
 from instdrive_core.training.settings.events import CheckpointDue, DensifyDone, StepDone
@@ -51,6 +53,27 @@ def test_instance_losses_leave_geometry_and_colour_alone():
         one, other = joint.model.shared[name].detach(), alone.model.shared[name].detach()
         np.testing.assert_allclose(one, other, atol=2e-5, err_msg=name)
     assert not torch.equal(joint.model.parameters["features"], alone.model.parameters["features"])
+
+
+def test_what_moves_does_not_outgrow_its_box():
+    still, which = new_trainer(tiny_config())
+    times = np.linspace(0, 0.3, 4)
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, :3, 3] = OBJECTS[0]
+    track = Track("one", "Car", np.array([1.2, 1.2, 1.2]), times, poses, moving=True)
+    gaussians = still.model.gaussians()
+    gaussians.means[which == 1] -= OBJECTS[0].astype(np.float32)
+    gaussians.log_scales[0] = np.log([3.0, 0.1, 2.0])
+    nodes = (which == 1).astype(np.uint16)
+    order = np.argsort(nodes, kind="stable")
+    sky = np.full((6, 8, 8, 3), 0.5, np.float32)
+    model = build_model(gaussians.select(order), nodes[order], (track,), sky, times.tolist())
+    trainer = Trainer(model, still.store, tiny_config(), scene_radius=10.0)
+    list(trainer.run())
+    moving = trainer.model.nodes == 1
+    sizes = trainer.model.gaussians().log_scales[moving].max(axis=1)
+    assert moving.sum() == 40
+    assert np.exp(sizes.max()) <= 0.45  # the box, a margin and what is turned
 
 
 def growing(config: TrainConfig) -> TrainConfig:

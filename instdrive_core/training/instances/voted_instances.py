@@ -54,12 +54,13 @@ def vote_instances(
     means = model.parameters["means"].detach().numpy()
     masks = len(observed.view_of_mask)
     silence = measure_silence(observed, model.nodes == 0)
-    shown, lidar = observed.sum_shown(), None
+    shown, seen_by_lidar = observed.sum_shown(), None
     if build_lidar is not None and silence >= config.graph.min_silence:
         on_note(f"{silence / (1 + silence):.0%} of what the photos show is in no mask: LiDAR has a say in it")
         lidar = build_lidar()
         things = assign_lidar_things(means, model.nodes, lidar, config.graph.lidar_reach)
         observed = add_lidar_masks(observed, things, silence)
+        seen_by_lidar = lidar.ground, things
     groups = _first_groups(observed, means, model.nodes, config.graph)
     groups = vote_groups(observed, groups, model.nodes > 0, config.graph)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
@@ -70,8 +71,8 @@ def vote_instances(
     if config.graph.max_unmasked < 1:
         groups = _refill_unmasked(groups, observed, model, config.graph)
     groups = fill_from_nearest(groups, means, model.nodes)
-    if lidar is not None:
-        groups = mend_ground(groups, shown, model, lidar.ground)
+    if seen_by_lidar is not None:
+        groups = mend_ground(groups, shown, model, *seen_by_lidar)
     shares = compute_vote_shares(observed, groups)
     groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, shares, shown)
     _, groups = np.unique(groups, return_inverse=True)

@@ -1,6 +1,7 @@
 """The ground of a whole model is mended: Gaussians of any shape, and actors in frames of their own."""
 
 import numpy as np
+import torch
 
 from instdrive_core.maths.spherical_harmonics import Y0
 from instdrive_core.scene.gaussians import Gaussians
@@ -47,10 +48,23 @@ def street():
 
 def test_the_road_is_one_with_the_shadow_and_what_stands_or_moves_is_not_part_of_it():
     model, groups, shadow, ground = street()
-    mended = mend_ground(groups, np.ones(len(groups), np.float32), model, ground)
+    nothing = np.full(len(groups), -1)
+    mended = mend_ground(groups, np.ones(len(groups), np.float32), model, ground, nothing)
     road = mended[0]
     assert set(mended[groups == FAR_ROAD].tolist()) == {road}
     assert set(mended[shadow].tolist()) == {road}
     stands = (groups == CAR) & ~shadow  # its lowest Gaussians are as low as the shadow, but upright
     assert set(mended[stands].tolist()) == {CAR}
     assert set(mended[groups == MOVING].tolist()) == {MOVING}
+
+
+def test_a_hydrant_in_the_mask_of_the_road_is_a_thing_of_its_own():
+    model, groups, _, ground = street()
+    hydrant = np.flatnonzero(groups == ROAD)[:12]
+    with torch.no_grad():
+        model.parameters["means"][hydrant, 2] = torch.linspace(0.1, 0.7, 12)
+    things = np.full(len(groups), -1)
+    things[hydrant] = 5
+    mended = mend_ground(groups, np.ones(len(groups), np.float32), model, ground, things)
+    assert set(mended[hydrant].tolist()).isdisjoint(mended[np.setdiff1d(np.arange(len(groups)), hydrant)].tolist())
+    assert len(set(mended[hydrant].tolist())) == 1
