@@ -10,7 +10,7 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.holes.bare_ground import find_bare_hole, find_bare_places
+from instdrive_core.edits.holes.bare_ground import find_bare_hole, find_bare_places, look_up_to_walls
 from instdrive_core.edits.holes.deleted_neighbors import find_deleted_neighbors
 from instdrive_core.edits.holes.holes import Hole, build_ground_grid, find_hole
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
@@ -99,11 +99,12 @@ def _find_bare_holes(
     grid, holes = build_ground_grid(around), list[Hole]()
     if grid is None:
         return []
-    for place in find_bare_places(evidence.looks, grid.plane, around.along):
+    looks = look_up_to_walls(evidence.looks, grid, around)
+    for place in find_bare_places(looks, grid.plane, around.along):
         found = look_around(place)
         assert found is not None
         found = replace(found, plane=grid.plane)
-        hole = find_bare_hole(found, evidence.looks, [*earlier, *holes], find_beside(place))
+        hole = find_bare_hole(found, looks, [*earlier, *holes], find_beside(place))
         if hole is not None:  # the first fill closes what stands behind
             holes.append(hole if holes else replace(hole, behind=tuple(each.body.instance for each in around.deleted)))
     return holes

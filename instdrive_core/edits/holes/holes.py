@@ -166,12 +166,12 @@ def find_bare_cells(
         hit = np.flatnonzero(framed & ~shown)
         hit = hit[look.open[lines[hit], columns[hit]]]
         start = look.place if place is None else place
-        shown[hit[_is_free_way(grid, walls, start, look.camera.position, points[hit])]] = True
+        shown[hit[is_free_way(grid, walls, start, look.camera.position, points[hit])]] = True
     bare = np.asarray(ndimage.binary_closing(shown.reshape(grid.shape), np.ones((3, 3))), bool)
     return bare & (ground.cover < BARE_COVER)
 
 
-def _is_free_way(
+def is_free_way(
     grid: GroundGrid,
     walls: Bool[ndarray, "a b"],
     place: Float64[ndarray, "3"],

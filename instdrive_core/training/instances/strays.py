@@ -22,7 +22,8 @@ from instdrive_core.maths.groups import split_by_group
 from instdrive_core.scene.track import Track, find_points_inside
 
 REACH = 1.5
-"""Metres around a thing: of a moving one that was seen from behind the length is a guess."""
+"""Metres around a thing: of a moving one that was seen from behind the length is a guess. Around what is smaller, such
+as a person, it is the longer of the two sides on the ground: of those, the size is known."""
 GAP, CELL = 1.0, 0.25
 """Metres between cells of a thing, and their size, from which on it is divided into parts."""
 SCRAP = 0.1
@@ -44,8 +45,9 @@ class Reach:
         """Whether points (metres, in the world) are within `REACH` of the thing, wherever it goes."""
         held = np.zeros(len(points), bool)
         for mover in self.movers:
+            reach = min(REACH, float(mover.dimensions[:2].max()))
             for pose in mover.world_from_box:
-                held |= find_points_inside(points, pose, mover.dimensions, REACH)
+                held |= find_points_inside(points, pose, mover.dimensions, reach)
         if self.body is not None:
             held |= self.body.holds((points - self.body.center) @ self.body.axes, margin=REACH)
         return held

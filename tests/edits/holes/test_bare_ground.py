@@ -15,6 +15,7 @@ from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera, CameraView, look_at
 from instdrive_core.scene.track import Track
 
+HOUSE = 40
 GREY = (0.4, 0.4, 0.42)
 AHEAD = 9.0
 """Metres from the camera to the middle of the car in front."""
@@ -89,3 +90,40 @@ def test_ground_that_photos_saw_is_no_hole():
     document.apply(DeleteInstances((CAR,)))
     report = report_deletion(document, (CAR,), 0.0)
     assert report.hole_area < 1.0
+
+
+def walk_along_a_house():
+    """Somebody walks along a house in the picture of a camera that passes by; the wall has a gap behind."""
+    rng = np.random.default_rng(4)
+    x, y = np.meshgrid(np.arange(-4, 8, 0.14), np.arange(-14, 14, 0.14))
+    ground = np.c_[x.ravel(), y.ravel(), rng.normal(0, 0.004, x.size)]
+    y, z = np.meshgrid(np.arange(-14, 14, 0.14), np.arange(0, 5, 0.14))
+    wall = np.c_[np.full(y.size, 8.0), y.ravel(), z.ravel()]
+    wall = wall[(np.abs(wall[:, 1] - 0.8) > 0.5) | (wall[:, 2] > 1.5)]
+    size = np.array([0.6, 0.8, 1.8])
+    shell = rng.uniform(-0.5, 0.5, (1500, 3)) * size
+    means = np.concatenate([ground, wall, shell])
+    ids = np.repeat([ROAD, HOUSE, CAR], [len(ground), len(wall), len(shell)])
+    colors = np.where(ids[:, None] == CAR, [0.7, 0.1, 0.1], np.where(ids[:, None] == HOUSE, (0.6, 0.5, 0.4), GREY))
+    views, poses = [], np.tile(np.eye(4), (len(TIMES), 1, 1))
+    for index, time in enumerate(TIMES.tolist()):
+        eye = np.array([-3.0, time, 1.5])
+        poses[index, :3, 3] = eye + (np.array([8.0, 0.8, 0.0]) - eye) * 0.9 + [0, 0, 0.9 - 0.15]
+        camera = Camera(300.0, 300.0, 200.0, 120.0, 400, 240, look_at(eye, eye + np.array([10, 0, -0.8])))
+        views.append(CameraView(camera, "left_camera", index, time))
+    scene = scene_of(rng, means, ids, colors, tuple(views))
+    scene.nodes[ids == CAR] = 1
+    scene.actors = (Track("walker", "Pedestrian", size, TIMES, poses, moving=True),)
+    names, classes = {ROAD: "road", HOUSE: "house", CAR: "Pedestrian 7"}, {CAR: "Pedestrian", HOUSE: "Building"}
+    scene.table = build_instance_table(
+        scene.instance_ids, scene.gaussians.means, scene.codewords, scene.nodes, names, classes
+    )
+    return scene
+
+
+def test_nobody_looks_for_ground_behind_a_wall():
+    document = Document(walk_along_a_house())
+    document.apply(DeleteInstances((CAR,)))
+    report = report_deletion(document, (CAR,), 0.0)
+    cells = np.concatenate([np.zeros((0, 2)), *(hole.grid.compute_centers(hole.cells) for hole in report.holes)])
+    assert not (cells[:, 0] > 10.5).any(), "2.5 m behind the wall"

@@ -11,10 +11,10 @@ BOX = np.array([2.0, 4.0, 1.5])
 ROAD, SHOP, CAR = 0, 1, 2
 
 
-def drive(metres):
+def drive(metres, box=BOX):
     poses = np.tile(np.eye(4), (6, 1, 1))
     poses[:, 1, 3] = np.linspace(0, metres, 6)
-    return Track("a", "Car", BOX, np.linspace(0, 0.5, 6), poses, moving=True)
+    return Track("a", "Car", box, np.linspace(0, 0.5, 6), poses, moving=True)
 
 
 def lay(*places):
@@ -51,6 +51,11 @@ class TestMoving:
         groups, means, nodes = lay((0, 20, 0))
         assert find(groups, means, nodes, drive(6.0))[0]
         assert not find(groups, means, nodes, drive(20.0))[0]
+
+    def test_somebody_on_foot_takes_no_door_along(self):
+        groups, means, nodes = lay((0.3, 1, 0), (1.2, 1, 0), (0, -1, 0))
+        walker = drive(2.0, np.array([0.6, 0.8, 1.8]))
+        assert find(groups, means, nodes, walker).tolist() == [False, True, False, False]
 
     def test_groups_without_a_moving_object_have_none(self):
         groups, means, nodes = lay((0, 30, 1))
