@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
+from jaxtyping import Bool, Int64, UInt16
+from numpy import ndarray
 from torch import Tensor
 
 from instdrive_core.errors import InstDriveError
@@ -28,6 +30,7 @@ from instdrive_core.training.gaussians.densify import (
     reset_opacities,
 )
 from instdrive_core.training.gaussians.edit_guard import EditGuard
+from instdrive_core.training.gaussians.last_prune import find_shown
 from instdrive_core.training.gaussians.lineage import Lineage
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.gaussians.mover_reach import LIMIT_MOVERS_EVERY, keep_on_movers
@@ -335,15 +338,39 @@ class Trainer:
                 radii=compute_actor_radii(self.model.actor_poses.tracks),
                 spared=None if self.lineage is None else self.lineage.stands,
             )
-            if self.lineage is not None:
-                self.lineage = self.lineage.rearrange(result.parents, result.fresh)
-            self.model.parameters, self.model.nodes = result.parameters, result.nodes
-            self.optimizers.rearrange(result.parents, result.fresh, self.model)
-            self.growth = GrowthStatistics.empty(len(self.model), self.backend.device)
+            self._rearrange(result.parameters, result.nodes, result.parents, result.fresh)
             return DensifyDone(self.iteration + 1, len(self.model), result.cloned, result.split, result.pruned)
         if is_reset_due(config, self.iteration, total):
             reset_opacities(self.model.parameters, self.optimizers.geometry, config)
+        if self.iteration == total - 1:
+            self._drop_what_is_never_shown()
         return None
+
+    def _rearrange(
+        self,
+        parameters: dict[str, Tensor],
+        nodes: UInt16[ndarray, " m"],
+        parents: Int64[ndarray, " m"],
+        fresh: Bool[ndarray, " m"],
+    ) -> None:
+        if self.lineage is not None:
+            self.lineage = self.lineage.rearrange(parents, fresh)
+        self.model.parameters, self.model.nodes = parameters, nodes
+        self.optimizers.rearrange(parents, fresh, self.model)
+        self.growth = GrowthStatistics.empty(len(self.model), self.backend.device)
+
+    def _drop_what_is_never_shown(self) -> None:
+        parameters, nodes = self.model.parameters, self.model.nodes
+        kept = np.flatnonzero(find_shown(parameters, nodes, None if self.lineage is None else self.lineage.stands))
+        if len(kept) == len(nodes):
+            return
+        rows = torch.from_numpy(kept).to(self.backend.device)
+        left = {
+            name: value.detach().index_select(0, rows).requires_grad_(value.requires_grad)
+            for name, value in parameters.items()
+        }
+        self.named_masks = None  # they name rows, and have taught what they can
+        self._rearrange(left, nodes[kept], kept, np.zeros(len(kept), bool))
 
     def _keep_on_movers(self) -> None:
         boxes = np.array([track.dimensions for track in self.model.actor_poses.tracks], np.float64).reshape(-1, 3)

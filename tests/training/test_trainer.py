@@ -55,6 +55,16 @@ def test_instance_losses_leave_geometry_and_colour_alone():
     assert not torch.equal(joint.model.parameters["features"], alone.model.parameters["features"])
 
 
+def test_what_nobody_can_see_is_gone_once_colour_is_trained():
+    trainer, which = new_trainer(tiny_config())
+    with torch.no_grad():
+        trainer.model.parameters["opacity_logits"][:5] = -12.0
+        trainer.model.parameters["means"][7] = torch.tensor([900.0, 0, 0])
+    counts = {event.stage: event.gaussians for event in trainer.run() if isinstance(event, StepDone)}
+    assert len(trainer.model) == len(trainer.model.nodes) == len(which) - 6
+    assert counts == {"rgb": len(which) - 6, "instances": len(which) - 6}
+
+
 def test_what_moves_does_not_outgrow_its_box():
     still, which = new_trainer(tiny_config())
     times = np.linspace(0, 0.3, 4)
