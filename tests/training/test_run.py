@@ -203,7 +203,9 @@ def test_gaussians_grow_up_to_the_cap(masked, tmp_path):
     grown = [event for event in events if isinstance(event, DensifyDone)]
     assert grown[0].cloned + grown[0].split > 0
     assert max(event.gaussians for event in grown) == 9_500
-    assert json.loads((run / "run.json").read_text())["n_gaussians"] == grown[-1].gaussians
+    left = json.loads((run / "run.json").read_text())["n_gaussians"]
+    assert 0.95 * grown[-1].gaussians < left <= grown[-1].gaussians  # without what nobody can see
+    assert left == len(read_scene_folder(run))
 
 
 @pytest.mark.parametrize("form", ["run", "ply"])
