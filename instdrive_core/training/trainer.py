@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Int64, UInt16
+from jaxtyping import Bool
 from numpy import ndarray
 from torch import Tensor
 
@@ -20,6 +20,7 @@ from instdrive_core.training.backends.cpu_backend import CpuBackend
 from instdrive_core.training.backends.row_gather import gather_rows
 from instdrive_core.training.gaussians.camera_poses import CameraPoses
 from instdrive_core.training.gaussians.densify import (
+    DensifyResult,
     GrowthStatistics,
     compute_actor_radii,
     counts_gradients,
@@ -30,7 +31,7 @@ from instdrive_core.training.gaussians.densify import (
     reset_opacities,
 )
 from instdrive_core.training.gaussians.edit_guard import EditGuard
-from instdrive_core.training.gaussians.last_prune import find_shown
+from instdrive_core.training.gaussians.last_prune import drop_never_shown
 from instdrive_core.training.gaussians.lineage import Lineage
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.gaussians.mover_reach import LIMIT_MOVERS_EVERY, keep_on_movers
@@ -322,7 +323,7 @@ class Trainer:
         """Limit sizes, grow and prune where the schedule says so; the step at `iteration` has just been done."""
         config, total = self.config.densify, self.config.geometry.iterations
         if self.iteration % config.every == 0 or self.iteration == total - 1:
-            limit_sizes(self.model.parameters, self.model.nodes, None if self.lineage is None else self.lineage.stands)
+            limit_sizes(self.model.parameters, self.model.nodes, self._spared)
         if self.iteration % LIMIT_MOVERS_EVERY == 0 or self.iteration == total - 1:
             self._keep_on_movers()
         if is_densifying_due(config, self.iteration, total):
@@ -336,46 +337,32 @@ class Trainer:
                 rng,
                 allow_scale_pruning=find_last_reset(config, self.iteration, total) > 0,
                 radii=compute_actor_radii(self.model.actor_poses.tracks),
-                spared=None if self.lineage is None else self.lineage.stands,
+                spared=self._spared,
             )
-            self._rearrange(result.parameters, result.nodes, result.parents, result.fresh)
+            self._rearrange(result)
             return DensifyDone(self.iteration + 1, len(self.model), result.cloned, result.split, result.pruned)
         if is_reset_due(config, self.iteration, total):
             reset_opacities(self.model.parameters, self.optimizers.geometry, config)
         if self.iteration == total - 1:
-            self._drop_what_is_never_shown()
+            self.named_masks = None  # they name rows, and have taught what they can
+            self._rearrange(drop_never_shown(self.model.parameters, self.model.nodes, self._spared))
         return None
 
-    def _rearrange(
-        self,
-        parameters: dict[str, Tensor],
-        nodes: UInt16[ndarray, " m"],
-        parents: Int64[ndarray, " m"],
-        fresh: Bool[ndarray, " m"],
-    ) -> None:
+    def _rearrange(self, result: DensifyResult) -> None:
         if self.lineage is not None:
-            self.lineage = self.lineage.rearrange(parents, fresh)
-        self.model.parameters, self.model.nodes = parameters, nodes
-        self.optimizers.rearrange(parents, fresh, self.model)
+            self.lineage = self.lineage.rearrange(result.parents, result.fresh)
+        self.model.parameters, self.model.nodes = result.parameters, result.nodes
+        self.optimizers.rearrange(result.parents, result.fresh, self.model)
         self.growth = GrowthStatistics.empty(len(self.model), self.backend.device)
 
-    def _drop_what_is_never_shown(self) -> None:
-        parameters, nodes = self.model.parameters, self.model.nodes
-        kept = np.flatnonzero(find_shown(parameters, nodes, None if self.lineage is None else self.lineage.stands))
-        if len(kept) == len(nodes):
-            return
-        rows = torch.from_numpy(kept).to(self.backend.device)
-        left = {
-            name: value.detach().index_select(0, rows).requires_grad_(value.requires_grad)
-            for name, value in parameters.items()
-        }
-        self.named_masks = None  # they name rows, and have taught what they can
-        self._rearrange(left, nodes[kept], kept, np.zeros(len(kept), bool))
+    @property
+    def _spared(self) -> Bool[ndarray, " n"] | None:
+        """Rows of a finished scene that training goes on from; None where it does not."""
+        return None if self.lineage is None else self.lineage.stands
 
     def _keep_on_movers(self) -> None:
         boxes = np.array([track.dimensions for track in self.model.actor_poses.tracks], np.float64).reshape(-1, 3)
-        spared = None if self.lineage is None else self.lineage.stands
-        keep_on_movers(self.model.parameters, self.model.nodes, boxes, spared)
+        keep_on_movers(self.model.parameters, self.model.nodes, boxes, self._spared)
 
     def continue_on_cpu(self) -> None:
         """Move everything to the CPU: the instance stage is sparse products on frozen geometry, which take no GPU."""

@@ -11,6 +11,19 @@ from torch import Tensor
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.extent import measure_extent
 from instdrive_core.scene.lint import FAR_RADII, VISIBLE_OPACITY
+from instdrive_core.training.gaussians.densify import DensifyResult
+
+
+@torch.no_grad()
+def drop_never_shown(
+    parameters: dict[str, Tensor], nodes: UInt16[ndarray, " n"], spared: Bool[ndarray, " n"] | None = None
+) -> DensifyResult:
+    """Drop all but what `find_shown` keeps of the same arguments. Pure: nothing given is changed."""
+    kept = np.flatnonzero(find_shown(parameters, nodes, spared))
+    rows = torch.from_numpy(kept).to(parameters["means"].device)
+    left = {name: value.index_select(0, rows).requires_grad_(value.requires_grad) for name, value in parameters.items()}
+    fresh = np.zeros(len(kept), bool)
+    return DensifyResult(left, nodes[kept], kept, fresh, cloned=0, split=0, pruned=len(nodes) - len(kept))
 
 
 @torch.no_grad()
