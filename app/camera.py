@@ -56,8 +56,9 @@ def orbit_above(
 
 
 def look(viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
-    """Turn on the spot."""
-    return replace(viewpoint, world_from_camera=_turn(viewpoint.world_from_camera, yaw, pitch))
+    """Turn on the spot, by less where the view is zoomed: what is seen moves as far over the screen."""
+    turned = _turn(viewpoint.world_from_camera, yaw / viewpoint.zoom, pitch / viewpoint.zoom)
+    return replace(viewpoint, world_from_camera=turned)
 
 
 def pan(viewpoint: Viewpoint, right: float, down: float) -> Viewpoint:
@@ -72,7 +73,9 @@ def pan_pixels(viewpoint: Viewpoint, dx: float, dy: float, focal: float) -> View
 
 
 def dolly(viewpoint: Viewpoint, factor: float) -> Viewpoint:
-    """Move nearer to the pivot (`factor` < 1) or away from it; the pivot stays."""
+    """Move nearer to the pivot (`factor` < 1) or away from it; the pivot stays. Going away undoes a zoom first."""
+    if factor > 1 and viewpoint.zoom > 1:
+        return replace(viewpoint, zoom=max(viewpoint.zoom / factor, 1.0))
     distance = float(np.clip(viewpoint.pivot_distance * factor, NEAREST_PIVOT, FARTHEST_PIVOT))
     pose = viewpoint.world_from_camera.copy()
     pose[:3, 3] = viewpoint.pivot - distance * viewpoint.forward
@@ -129,7 +132,7 @@ def look_at_ground(viewpoint: Viewpoint, place: Float[ndarray, "3"]) -> Viewpoin
     ahead = forward / level if level > 0.1 else -viewpoint.world_from_camera[:2, 1]  # straight down: up the picture
     slope = float(np.clip(-viewpoint.forward[2], *GROUND_SLOPES))
     back = distance * np.array([*(-ahead * np.sqrt(1 - slope**2)), slope])
-    return replace(viewpoint, world_from_camera=look_at(place + back, place), pivot_distance=distance)
+    return replace(viewpoint, world_from_camera=look_at(place + back, place), pivot_distance=distance, zoom=1.0)
 
 
 def look_straight_down(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:

@@ -5,13 +5,14 @@ Pure functions on points and viewpoints. Angles in radians, distances in metres.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from instdrive_app.camera import NEAREST_PIVOT, frame_box
+from instdrive_app.sights import Sight
 from instdrive_app.state import Viewpoint, make_default_viewpoint
 from instdrive_core.scene.camera import look_at
 
@@ -25,6 +26,12 @@ MAX_BLOCKING = 0.01
 """Share of the picture, in points of the scene, that may be blocked without another direction being tried."""
 MAX_COVERED = 0.25
 """Area of what is before a thing, as a share of the thing's in the picture, without another direction being tried."""
+ABOVE = 0.35
+"""Steeper than any photo by this much (vertical part of the direction), a user looks from above and stays there."""
+APART = 0.15
+"""Radians between photos' lines of sight from which on both are tried."""
+MOST_ZOOM = 6.0
+"""Times that a photo is magnified where a thing is far."""
 _ELEVATIONS = (0.0, 0.25, 0.5, 0.8, 1.1, 1.35)
 _AZIMUTHS = (0.0, 0.5, -0.5, 1.0, -1.0, np.pi)
 _STEPS, _MOST_FITTED = 30, 2000
@@ -75,24 +82,73 @@ def frame_thing(
     points: Float[ndarray, "n 3"],
     others: Float[ndarray, "m 3"],
     areas: Float[ndarray, " m"],
+    sights: Sequence[Sight] = (),
 ) -> Viewpoint:
     """Frame most of a thing's points (at least one), roughly in the present direction.
 
     Where `others`, splats that are shown and cover `areas` (m²), lie before the thing, the view rises or turns until
-    less is in the way.
+    less is in the way. Where photos show the thing (`sights`), it is looked at from the place of one, zoomed if it is
+    far: what is seen from elsewhere is noise. A view from above stays one.
     """
-    low, high = np.percentile(points, [2, 98], axis=0)
+    low, high = find_extent(points)
     inside = points[:: 1 + len(points) // _MOST_FITTED]
-    best = frame_box(viewpoint, low, high)
-    least = _measure_covering(best, others, areas, inside)
-    for direction in _list_directions(viewpoint.forward):
+    best, least = None, np.inf
+    for found in _list_views(viewpoint, low, high, sights):
+        covering = _measure_covering(found, others, areas, inside)
+        if best is None or covering < least:
+            best, least = found, covering
         if least <= MAX_COVERED:
             break
-        found = frame_box(viewpoint, low, high, direction)
-        covering = _measure_covering(found, others, areas, inside)
-        if covering < least:
-            best, least = found, covering
+    assert best is not None
     return best
+
+
+def find_extent(points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
+    """Lower and upper corner of the box that holds most of the points (at least one) along each axis."""
+    low, high = np.percentile(points, [2, 98], axis=0)
+    return low, high
+
+
+def _list_views(
+    viewpoint: Viewpoint, low: Float[ndarray, "3"], high: Float[ndarray, "3"], sights: Sequence[Sight]
+) -> Iterator[Viewpoint]:
+    """Views of a box to try: those from photos' places, first the one most like now, else from all around."""
+    present = frame_box(viewpoint, low, high)
+    ways = present.pivot - np.array([each.place for each in sights]).reshape(-1, 3)
+    slopes = ways[:, 2] / np.maximum(np.linalg.norm(ways, axis=1), 1e-6)
+    if not sights or viewpoint.forward[2] < slopes.min() - ABOVE:
+        yield present
+        for direction in _list_directions(viewpoint.forward):
+            yield frame_box(viewpoint, low, high, direction)
+        return
+    for sight in _sort_sights(sights, present):
+        yield _look_like(sight, low, high)
+
+
+def _sort_sights(sights: Sequence[Sight], wanted: Viewpoint) -> list[Sight]:
+    """The photos' places by how much they differ from a wanted viewpoint; none twice in about the same direction.
+
+    A thing that is twice as far is as bad as one that is seen from 40° beside, or that has driven as far as it is away.
+    """
+    ways = wanted.pivot - np.array([each.place for each in sights])
+    distances = np.maximum(np.linalg.norm(ways, axis=1), 1e-6)
+    directions = ways / distances[:, None]
+    turns = np.arccos(np.clip(directions @ wanted.forward, -1, 1))
+    costs = turns + np.abs(np.log(distances / wanted.pivot_distance)) + [each.driven for each in sights] / distances
+    kept: list[int] = []
+    for index in np.argsort(costs, kind="stable"):
+        if all(directions[index] @ directions[other] < np.cos(APART) for other in kept):
+            kept.append(int(index))
+    return [sights[index] for index in kept]
+
+
+def _look_like(sight: Sight, low: Float[ndarray, "3"], high: Float[ndarray, "3"]) -> Viewpoint:
+    """Look at a box from the place of a photo, zoomed so that it is large."""
+    center = (low + high) / 2
+    distance = max(float(np.linalg.norm(center - sight.place)), NEAREST_PIVOT)
+    fitting = frame_box(Viewpoint(np.eye(4), sight.lens), low, high)
+    zoom = float(np.clip(distance / fitting.pivot_distance, 1, MOST_ZOOM))
+    return Viewpoint(look_at(sight.place, center), sight.lens, distance, zoom=zoom)
 
 
 def frame_scene(means: Float[ndarray, "n 3"]) -> Viewpoint:

@@ -88,6 +88,8 @@ class Viewpoint:
     """Metres along the viewing axis."""
     lag: PhotoLag | None = None
     """That of the photo whose camera is looked through."""
+    zoom: float = 1.0
+    """Times that the picture is larger than through `lens`: what is far is looked at like that, not from nearby."""
 
     @property
     def position(self) -> Float64[ndarray, "3"]:
@@ -110,7 +112,12 @@ class Viewpoint:
         scale = min(width / lens.width, height / lens.height)
         cx = lens.cx * scale + (width - lens.width * scale) / 2
         cy = lens.cy * scale + (height - lens.height * scale) / 2
-        return Camera(lens.fx * scale, lens.fy * scale, cx, cy, width, height, self.world_from_camera, self.lag)
+        fx, fy = (focal * scale * self.zoom for focal in (lens.fx, lens.fy))
+        return Camera(fx, fy, cx, cy, width, height, self.world_from_camera, self.lag)
+
+    def make_film_camera(self) -> Camera:
+        """Make the camera that exposes the film, in the film's pixels."""
+        return replace(self, lag=None).fit_camera(self.lens.width, self.lens.height)
 
     def fit_film(self, width: int, height: int) -> tuple[float, float, float, float]:
         """Compute left, top, right and bottom of the film in a viewport of this size, in pixels."""

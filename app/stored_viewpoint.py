@@ -19,6 +19,7 @@ def store_viewpoint(viewpoint: Viewpoint) -> dict[str, Any]:
         "world_from_camera": viewpoint.world_from_camera.tolist(),
         "lens": {name: getattr(viewpoint.lens, name) for name in _LENS},
         "pivot_distance": viewpoint.pivot_distance,
+        "zoom": viewpoint.zoom,
     }
 
 
@@ -29,13 +30,16 @@ def read_viewpoint(values: Mapping[str, Any]) -> Viewpoint | None:
         kept = values["lens"]
         fx, fy, cx, cy = (float(kept[name]) for name in _LENS[:4])
         lens = Intrinsics(fx, fy, cx, cy, int(kept["width"]), int(kept["height"]))
-        distance = float(values["pivot_distance"])
+        distance, zoom = float(values["pivot_distance"]), float(values.get("zoom", 1.0))
     except (KeyError, TypeError, ValueError, OverflowError):
         return None
-    numbers = (distance, lens.fx, lens.fy, lens.cx, lens.cy)
+    numbers = (distance, zoom, lens.fx, lens.fy, lens.cx, lens.cy)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not all(map(math.isfinite, numbers)):
         return None
     turn = pose[:3, :3]
-    if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) or min(lens.fx, lens.fy, lens.width, lens.height) <= 0:
+    if (
+        not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3)
+        or min(zoom, lens.fx, lens.fy, lens.width, lens.height) <= 0
+    ):
         return None
-    return Viewpoint(pose, lens, distance)
+    return Viewpoint(pose, lens, distance, zoom=zoom)

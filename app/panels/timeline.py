@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from imgui_bundle import imgui
+from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.language.translation import translate
 from instdrive_app.panels.driving.timeline_keys import TimelineKeys
+from instdrive_app.panels.widgets.theme import pack_color
 from instdrive_app.panels.widgets.ui import (
     Ui,
     draw_action_button,
@@ -16,7 +17,9 @@ from instdrive_app.panels.widgets.ui import (
     scale_pixels,
     scale_size,
 )
+from instdrive_app.preferences.themes import ACCENT
 from instdrive_app.state import Comparison, Reference
+from instdrive_core.edits.queries.presence import list_passing
 from instdrive_core.wording import phrase
 
 SLIDER_WIDTH = 12
@@ -64,6 +67,7 @@ class TimelinePanel:
         draw_dim_text(label)
         inset = imgui.get_style().grab_min_size / 2 + scale_pixels(2)
         line = imgui.get_cursor_screen_pos()
+        _draw_presence(ui, low.x + inset, high.x - inset, high.y)
         self._keys.draw(ui, low.x + inset, high.x - inset, (low.y + high.y) / 2)
         imgui.set_cursor_screen_pos(line)
         if changed:
@@ -105,6 +109,23 @@ class TimelinePanel:
                 ui.mark(f"timeline.camera.{camera}")
             imgui.end_combo()
         ui.mark("timeline.camera")
+
+
+def _draw_presence(ui: Ui, left: float, right: float, bottom: float) -> None:
+    """Underline the times at which what is selected is there, if it is not there all the time."""
+    session = ui.session
+    document, timeline = session.document, session.navigation.timeline
+    if document is None or timeline.end <= timeline.start:
+        return
+    per_second = (right - left) / (timeline.end - timeline.start)
+    for track in list_passing(document, session.selection.ids, timeline.steps):
+        start, end = (
+            min(max(left + (time - timeline.start) * per_second, left), right)
+            for time in (track.times[0], track.times[-1])
+        )
+        width = scale_pixels(2)
+        draw = imgui.get_window_draw_list()
+        draw.add_rect_filled(ImVec2(start - width, bottom - width), ImVec2(end + width, bottom), pack_color(ACCENT))
 
 
 def _draw_hint(text: str) -> None:

@@ -152,8 +152,7 @@ def _write_scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str
 
 def _make_start(request: ExportRequest) -> Camera:
     """Make the camera with which an exported .ply opens: the present view."""
-    lens = request.viewpoint.lens
-    return Camera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height, request.viewpoint.world_from_camera)
+    return request.viewpoint.make_film_camera()
 
 
 def _write_instances(request: ExportRequest) -> str:
@@ -220,9 +219,7 @@ def _write_cameras(request: ExportRequest) -> str:
 
 
 def _write_view(request: ExportRequest) -> str:
-    scene, lens = _bake_shown_scene(request), request.viewpoint.lens
-    pose = request.viewpoint.world_from_camera
-    camera = Camera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height, pose)
+    scene, camera = _bake_shown_scene(request), request.viewpoint.make_film_camera()
     with report_span(_BAKING, 1.0):
         _save_picture(request.path, scene, camera, request.time, request)
     return phrase("Exported the picture to {path}", path=request.path)

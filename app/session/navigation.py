@@ -10,15 +10,18 @@ from jaxtyping import Float, Float32, Float64, Int
 from numpy import ndarray
 
 from instdrive_app import camera
-from instdrive_app.framing import frame_core, frame_scene, frame_thing
+from instdrive_app.framing import find_extent, frame_core, frame_scene, frame_thing
 from instdrive_app.session.context import SessionContext
+from instdrive_app.sights import Sight, find_sights
 from instdrive_app.state import Viewpoint
 from instdrive_app.timeline import Timeline
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.ground_height import estimate_ground_height, estimate_ground_heights
+from instdrive_core.edits.queries.presence import find_time_there
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity
+from instdrive_core.wording import phrase
 
 MAX_LOOKED_AT = 20_000
 """Number of splats that a viewpoint is chosen by."""
@@ -184,6 +187,21 @@ class Navigation:
             name = document.scene.views[current].name
             self.look_through(self.timeline.find_nearest_view(name, time))
 
+    def _go_to_time_of(self, ids: tuple[int, ...]) -> None:
+        """Show the nearest time step at which one of these instances is there, if none is there now, and say so."""
+        document = self._context.document
+        if document is None or not ids:
+            return
+        before, time = self._state.time, find_time_there(document, ids, self.timeline.steps, self._state.time)
+        if time != before:
+            self.set_time(time)
+            gone = (
+                phrase("{name} is not there at {time:.2f} s", name=document.scene.table[ids[0]].name, time=before)
+                if len(ids) == 1
+                else phrase("Nothing of the selection is there at {time:.2f} s", time=before)
+            )
+            self._context.messages.info(phrase("{gone}; the view goes to {time:.2f} s", gone=gone, time=time))
+
     def step(self, count: int) -> None:
         """Go `count` time steps forwards, from the end back to the start."""
         if self.timeline.steps:
@@ -198,6 +216,7 @@ class Navigation:
         if self._context.document is None:
             return
         if ids:
+            self._go_to_time_of(ids)
             means = self.compute_world_means(ids)
             if len(means):
                 self._frame_thing(ids, means)
@@ -208,6 +227,7 @@ class Navigation:
 
     def bring_into_view(self, ids: tuple[int, ...]) -> None:
         """Frame instances that are out of view, or nearly so; where they are in view already the camera stays."""
+        self._go_to_time_of(ids)
         means = self.compute_world_means(ids) if self._context.document is not None and ids else np.zeros((0, 3))
         if not len(means):
             return
@@ -226,7 +246,17 @@ class Navigation:
         others = others[document.scene.gaussians.opacity_logits[others] > MIN_OPACITY_LOGIT]
         widths = np.exp(np.sort(document.scene.gaussians.log_scales[others], axis=1)[:, 1:].sum(axis=1))
         areas = stride * np.pi * widths.astype(np.float64)
-        self.look_from(frame_thing(self._state.viewpoint, means, self._place(others), areas))
+        sights = self._find_sights(ids, np.mean(find_extent(means), axis=0))
+        self.look_from(frame_thing(self._state.viewpoint, means, self._place(others), areas, sights))
+
+    def _find_sights(self, ids: tuple[int, ...], middle: Float[ndarray, "3"]) -> tuple[Sight, ...]:
+        """Find from where photos show instances, as far as they stand still or move as one."""
+        document, time = self._context.document, self._state.time
+        assert document is not None
+        scene = document.scene
+        nodes = {scene.table[i].node for i in ids}
+        track = scene.actors[nodes.pop() - 1] if len(nodes) == 1 and 0 not in nodes else None
+        return find_sights(scene.views, middle, track, time)
 
     def follow_scene(self, matrix: Similarity) -> None:
         """Keep looking at the same thing, upright, after the whole scene was transformed by [s R | t].
@@ -247,6 +277,7 @@ class Navigation:
         """Look at instances, or everything, from straight above."""
         if self._context.document is None:
             return
+        self._go_to_time_of(ids)
         means = self.compute_world_means(ids)
         if len(means):
             self.look_from(camera.look_straight_down(self._state.viewpoint, means))
@@ -260,13 +291,17 @@ class Navigation:
     def compute_world_means(self, ids: tuple[int, ...]) -> Float[ndarray, "n 3"]:
         """Compute world positions of instances, or of everything, at the shown time, without deleted splats.
 
+        Moving objects that are not there then count where nothing else is: they stand where their tracks end.
+
         Returns every k-th of many splats: choosing a viewpoint needs no more, and a million take longer than a frame.
         """
         document = self._document
         assert document is not None
         rows = document.find_rows(ids) if ids else np.arange(len(document.scene))
         rows = rows[:: 1 + len(rows) // MAX_LOOKED_AT]
-        return self._place(rows[(document.state.flags[rows] & Flag.DELETED) == 0])
+        rows = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
+        there = document.scene.find_node_poses(self._state.time)[1][document.scene.nodes[rows]] > 0
+        return self._place(rows[there] if there.any() else rows)
 
     def _find_framed_means(self) -> Float[ndarray, "n 3"]:
         """World positions of what is shown and not faint; of all that is not deleted where too little is left."""

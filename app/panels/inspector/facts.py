@@ -8,12 +8,13 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.language.translation import make_label, translate
-from instdrive_app.panels.inspector.rows import draw_fact, draw_widget_label
+from instdrive_app.panels.inspector.rows import draw_fact, draw_fact_label, draw_widget_label
 from instdrive_app.panels.widgets.codeword import draw_bit_squares
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
 from instdrive_app.session.selection_box import SelectionBoxes
 from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.queries.presence import find_time_there, list_passing
 from instdrive_core.instances.table import Instance
 from instdrive_core.wording import phrase
 
@@ -92,11 +93,25 @@ class FactsSection:
         if instance.node:
             track = document.scene.actors[instance.node - 1]
             draw_fact("Moves", phrase("{length:.1f} m along its track", length=track.compute_path_length()))
+            self._draw_times(ui, document, instance)
         if document.scene.code_bits:
             draw_fact("Codeword", str(instance.codeword))
             imgui.same_line(0, scale_pixels(10))
             imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scale_pixels(9)) / 2)
             draw_bit_squares(instance.codeword, document.scene.code_bits, scale_pixels(9), scale_pixels(2))
+
+    def _draw_times(self, ui: Ui, document: Document, instance: Instance) -> None:
+        """Say when a moving object is there, where that is not all the time; a button goes there from other times."""
+        navigation, time = ui.session.navigation, ui.session.state.time
+        for track in list_passing(document, (instance.id,), navigation.timeline.steps):
+            draw_fact_label("Seen")
+            imgui.text(phrase("{start:.2f} to {end:.2f} s", start=track.times[0], end=track.times[-1]))
+            there = find_time_there(document, (instance.id,), navigation.timeline.steps, time)
+            if there != time:
+                imgui.same_line()
+                if imgui.small_button(f"{phrase('Go to {time:.2f} s', time=there)}###go to time"):
+                    navigation.bring_into_view((instance.id,))
+                ui.mark("inspector.go_to_time")
 
     def _find_size(self, document: Document, instance_id: int, time: float) -> Float64[ndarray, "3"]:
         """Width, length and height of the box that the gizmo holds, kept until something changes."""

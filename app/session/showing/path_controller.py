@@ -12,7 +12,6 @@ from instdrive_app.session.showing.path_steps import Keys, PathStep, PathSteps
 from instdrive_app.state import Intrinsics, Viewpoint
 from instdrive_core.filming.camera_path import CLOSEST, CameraKey, CameraPath
 from instdrive_core.filming.path_file import MOST_KEYS, read_camera_keys, store_camera_keys
-from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.transforms import Similarity
 from instdrive_core.wording import phrase
 
@@ -182,8 +181,7 @@ class PathController:
 
     def _capture(self, at: float) -> CameraKey:
         state = self._context.state
-        lens, pose = state.viewpoint.lens, state.viewpoint.world_from_camera
-        return CameraKey(at, state.time, Camera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height, pose))
+        return CameraKey(at, state.time, state.viewpoint.make_film_camera())
 
     def _set(self, title: str, keys: Keys, at: float, gesture: str | None = None) -> None:
         """Change the keys by one step, and choose the one at these seconds."""

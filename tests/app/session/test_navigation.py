@@ -62,3 +62,19 @@ def test_an_exported_ply_opens_as_it_was_left(session, tmp_path):
     np.testing.assert_allclose(session.state.viewpoint.world_from_camera, left.world_from_camera)
     assert session.document.scene.sky is not None
     assert session.orientation.estimate is None, "nobody asks which way is up"
+
+
+def test_framing_what_is_not_there_goes_to_when_it_is_and_says_so(session):
+    scene = session.document.scene
+    track = scene.actors[0]
+    late = replace(track, times=track.times[2:], world_from_box=track.world_from_box[2:])
+    session.show(Document(replace(scene, actors=(late,))))
+    driving = next(each.id for each in scene.table if each.node)
+    session.navigation.frame((driving,))
+    assert session.state.time == 1.0
+    assert "1.00 s" in session.messages.log[-1].text
+    shown = session.state.viewpoint.fit_camera(480, 270).project(late.world_from_box[:1, :3, 3])[0][0]
+    assert np.abs(shown - [240, 135]).max() < 60
+    said = len(session.messages.log)
+    session.navigation.frame((driving,))
+    assert len(session.messages.log) == said

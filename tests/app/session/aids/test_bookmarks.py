@@ -48,6 +48,7 @@ def test_views_come_back_from_a_project_with_their_pictures(bookmarks):
         {"time": float("nan")},
         {"world_from_camera": [[1, 2], [3, 4]]},
         {"lens": {}},
+        {"zoom": 0},
         {"name": "line\nbreak"},
     ],
 )
