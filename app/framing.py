@@ -90,7 +90,7 @@ def frame_thing(
     less is in the way. Where photos show the thing (`sights`), it is looked at from the place of one, zoomed if it is
     far: what is seen from elsewhere is noise. A view from above stays one.
     """
-    low, high = find_extent(points)
+    low, high = find_main_box(points)
     inside = points[:: 1 + len(points) // _MOST_FITTED]
     best, least = None, np.inf
     for found in _list_views(viewpoint, low, high, sights):
@@ -103,7 +103,7 @@ def frame_thing(
     return best
 
 
-def find_extent(points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
+def find_main_box(points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
     """Lower and upper corner of the box that holds most of the points (at least one) along each axis."""
     low, high = np.percentile(points, [2, 98], axis=0)
     return low, high

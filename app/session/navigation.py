@@ -10,7 +10,7 @@ from jaxtyping import Float, Float32, Float64, Int
 from numpy import ndarray
 
 from instdrive_app import camera
-from instdrive_app.framing import find_extent, frame_core, frame_scene, frame_thing
+from instdrive_app.framing import find_main_box, frame_core, frame_scene, frame_thing
 from instdrive_app.session.context import SessionContext
 from instdrive_app.sights import Sight, find_sights
 from instdrive_app.state import Viewpoint
@@ -246,7 +246,7 @@ class Navigation:
         others = others[document.scene.gaussians.opacity_logits[others] > MIN_OPACITY_LOGIT]
         widths = np.exp(np.sort(document.scene.gaussians.log_scales[others], axis=1)[:, 1:].sum(axis=1))
         areas = stride * np.pi * widths.astype(np.float64)
-        sights = self._find_sights(ids, np.mean(find_extent(means), axis=0))
+        sights = self._find_sights(ids, np.mean(find_main_box(means), axis=0))
         self.look_from(frame_thing(self._state.viewpoint, means, self._place(others), areas, sights))
 
     def _find_sights(self, ids: tuple[int, ...], middle: Float[ndarray, "3"]) -> tuple[Sight, ...]:

@@ -7,7 +7,7 @@ import pytest
 from procedural_street import driving_track
 
 from instdrive_app.camera import dolly, look
-from instdrive_app.framing import MOST_ZOOM, find_extent, frame_thing
+from instdrive_app.framing import MOST_ZOOM, find_main_box, frame_thing
 from instdrive_app.sights import find_sights
 from instdrive_app.state import make_default_viewpoint
 from instdrive_core.scene.camera import Camera, CameraView, look_at
@@ -28,7 +28,7 @@ def make_car(y):
 
 
 def frame(car, views, viewpoint, track=None, time=0.0):
-    middle = np.mean(find_extent(car), axis=0)
+    middle = np.mean(find_main_box(car), axis=0)
     return frame_thing(viewpoint, car, *NOTHING, find_sights(views, middle, track, time))
 
 
@@ -63,7 +63,7 @@ def test_a_driving_thing_is_seen_from_where_it_was_photographed_at_about_that_ti
     track = driving_track()
     car = make_car(0.0) - [1.0, 0.0, 0.7] + track.interpolate_pose(1.5)[:3, 3]
     views = drive_along(9)
-    sights = find_sights(views, np.mean(find_extent(car), axis=0), track, 1.5)
+    sights = find_sights(views, np.mean(find_main_box(car), axis=0), track, 1.5)
     assert sights
     assert min(sight.driven for sight in sights) < 0.5
     late = tuple(replace(view, time=view.time + 100) for view in views)
