@@ -18,8 +18,11 @@ from instdrive_app.panels.widgets.ui import (
     scale_size,
 )
 from instdrive_app.preferences.themes import ACCENT
+from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_app.state import Comparison, Reference
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.presence import list_passing
+from instdrive_core.scene.track import Track
 from instdrive_core.wording import phrase
 
 SLIDER_WIDTH = 12
@@ -39,6 +42,7 @@ class TimelinePanel:
 
     def __init__(self) -> None:
         self._keys = TimelineKeys()
+        self._passing: VersionedCache[tuple[Track, ...]] = VersionedCache()
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
@@ -67,13 +71,26 @@ class TimelinePanel:
         draw_dim_text(label)
         inset = imgui.get_style().grab_min_size / 2 + scale_pixels(2)
         line = imgui.get_cursor_screen_pos()
-        _draw_presence(ui, low.x + inset, high.x - inset, high.y)
+        self._draw_presence(ui, document, low.x + inset, high.x - inset, high.y)
         self._keys.draw(ui, low.x + inset, high.x - inset, (low.y + high.y) / 2)
         imgui.set_cursor_screen_pos(line)
         if changed:
             session.navigation.set_time(timeline.steps[min(chosen, len(timeline.steps) - 1)])
         if timeline.camera_names:
             self._draw_reference(ui)
+
+    def _draw_presence(self, ui: Ui, document: Document, left: float, right: float, bottom: float) -> None:
+        """Underline the times at which what is selected is there, if it is not there all the time."""
+        timeline, ids = ui.session.navigation.timeline, ui.session.selection.ids
+        key = (ids, document.versions, timeline.steps)
+        passing = self._passing.get(document, key, lambda: list_passing(document, ids, timeline.steps))
+        per_second, width = (right - left) / max(timeline.end - timeline.start, 1e-9), scale_pixels(2)
+        draw = imgui.get_window_draw_list()
+        for track in passing:
+            start, end = (left + (time - timeline.start) * per_second for time in (track.times[0], track.times[-1]))
+            if start <= right and end >= left:
+                first, last = ImVec2(max(start, left) - width, bottom - width), ImVec2(min(end, right) + width, bottom)
+                draw.add_rect_filled(first, last, pack_color(ACCENT))
 
     def _draw_reference(self, ui: Ui) -> None:
         """Draw the switches that show photos or masks over the splats or beside them."""
@@ -109,23 +126,6 @@ class TimelinePanel:
                 ui.mark(f"timeline.camera.{camera}")
             imgui.end_combo()
         ui.mark("timeline.camera")
-
-
-def _draw_presence(ui: Ui, left: float, right: float, bottom: float) -> None:
-    """Underline the times at which what is selected is there, if it is not there all the time."""
-    session = ui.session
-    document, timeline = session.document, session.navigation.timeline
-    if document is None or timeline.end <= timeline.start:
-        return
-    per_second = (right - left) / (timeline.end - timeline.start)
-    for track in list_passing(document, session.selection.ids, timeline.steps):
-        start, end = (
-            min(max(left + (time - timeline.start) * per_second, left), right)
-            for time in (track.times[0], track.times[-1])
-        )
-        width = scale_pixels(2)
-        draw = imgui.get_window_draw_list()
-        draw.add_rect_filled(ImVec2(start - width, bottom - width), ImVec2(end + width, bottom), pack_color(ACCENT))
 
 
 def _draw_hint(text: str) -> None:

@@ -14,7 +14,8 @@ def list_passing(document: Document, ids: Collection[int], times: Sequence[float
     """List the tracks of those instances that are not there at all of these times (seconds), in the order of `ids`."""
     table, actors = document.scene.table, document.scene.actors
     tracks = (actors[table[i].node - 1] for i in ids if table[i].node)
-    return tuple(track for track in tracks if not all(track.covers(time) for time in times))
+    ends = (min(times), max(times)) if times else ()
+    return tuple(track for track in tracks if not all(track.covers(time) for time in ends))
 
 
 def find_time_there(document: Document, ids: Collection[int], times: Sequence[float], time: float) -> float:
