@@ -1,5 +1,7 @@
-"""Things seen moving are listed below the instances; a true click looks through the photo that shows one. What passes by
-says when, and a click goes there."""
+"""Things seen moving are listed below the instances; a true click looks through the photo that shows one.
+
+What passes by says when, and a click goes there.
+"""
 
 from dataclasses import replace
 
