@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from instdrive_app.camera import NEAREST_PIVOT, frame_box
 from instdrive_app.sights import Sight
-from instdrive_app.state import Viewpoint, make_default_viewpoint
+from instdrive_app.state import Intrinsics, Viewpoint, make_default_viewpoint
 from instdrive_core.scene.camera import look_at
 
 CORE_SHARES = (0.75, 0.95)
@@ -34,7 +34,7 @@ MOST_ZOOM = 6.0
 """Times that a photo is magnified where a thing is far."""
 _ELEVATIONS = (0.0, 0.25, 0.5, 0.8, 1.1, 1.35)
 _AZIMUTHS = (0.0, 0.5, -0.5, 1.0, -1.0, np.pi)
-_STEPS, _MOST_FITTED = 30, 2000
+_STEPS, _SHIFTS, _MOST_FITTED = 30, 5, 2000
 
 
 def find_dense_core(points: Float[ndarray, "n 3"]) -> Float[ndarray, "m 3"]:
@@ -170,25 +170,30 @@ def _list_directions(forward: Float[ndarray, "3"]) -> Iterator[Float[ndarray, "3
 
 def _fit_distance(viewpoint: Viewpoint, core: Float[ndarray, "m 3"], direction: Float[ndarray, "3"]) -> Viewpoint:
     """Look along `direction` at the core from where it takes `FILL` of the height or, if broad, of the width."""
-    far = NEAREST_PIVOT
     lens, center = viewpoint.lens, np.percentile(core, [1, 99], axis=0).mean(axis=0)
-    for _ in range(2):  # seen in perspective its middle is elsewhere
-        turned = look_at(center - direction, center)[:3, :3]
-        local = (core - center) @ turned
-        radius = max(float(np.abs(local).max()), NEAREST_PIVOT / 10)
-        wanted = np.array([lens.width, lens.height]) * FILL
-        near, far = 0.0, 100.0 * radius * max(lens.fx, lens.fy) / min(lens.width, lens.height)
-        for _ in range(_STEPS):
-            middle = (near + far) / 2
-            extents = _measure_extents(local, middle, lens.fx, lens.fy)
-            is_large = extents is None or np.any(np.subtract(extents[1], extents[0]) > wanted)
-            near, far = (middle, far) if is_large else (near, middle)
-        extents = _measure_extents(local, far, lens.fx, lens.fy)
-        if extents is not None:
-            shift = np.add(*extents) / 2 * far / [lens.fx, lens.fy]
-            center = center + turned[:, :2] @ shift
-    distance = max(far, NEAREST_PIVOT)
-    return Viewpoint(look_at(center - distance * direction, center), lens, float(distance))
+    turned = look_at(center - direction, center)[:3, :3]
+    distance = _find_distance((core - center) @ turned, lens)
+    for _ in range(_SHIFTS):  # seen in perspective its middle is elsewhere
+        extents = _measure_extents((core - center) @ turned, distance, lens.fx, lens.fy)
+        if extents is None:
+            break
+        # Half the way: what is near moves by more than the middle does.
+        center = center + turned[:, :2] @ (np.add(*extents) / 4 * distance / [lens.fx, lens.fy])
+        distance = _find_distance((core - center) @ turned, lens)
+    return Viewpoint(look_at(center - distance * direction, center), lens, distance)
+
+
+def _find_distance(local: Float[ndarray, "m 3"], lens: Intrinsics) -> float:
+    """Find the distance from which points around the origin, in the axes of the camera, take `FILL` of the picture."""
+    radius = max(float(np.abs(local).max()), NEAREST_PIVOT / 10)
+    wanted = np.array([lens.width, lens.height]) * FILL
+    near, far = 0.0, 100.0 * radius * max(lens.fx, lens.fy) / min(lens.width, lens.height)
+    for _ in range(_STEPS):
+        middle = (near + far) / 2
+        extents = _measure_extents(local, middle, lens.fx, lens.fy)
+        is_large = extents is None or np.any(np.subtract(extents[1], extents[0]) > wanted)
+        near, far = (middle, far) if is_large else (near, middle)
+    return max(far, NEAREST_PIVOT)
 
 
 def _measure_extents(
