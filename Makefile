@@ -1,6 +1,7 @@
 # make demo   train a synthetic drive, evaluate it, open (or script) the editor on it
 # make test   style, types, import contracts and the whole test suite, in WORKERS processes (default 2) that take a file
 #             of tests each
+# make slow   the tests that are left out there: whole jobs and long walks through the window
 # make lint   the same without the suite
 # make catalogue   bring the catalogues of the window's languages up to date with its texts
 # make docs   the documentation as a site in build/site; warnings are errors
@@ -13,7 +14,7 @@ PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libx11-6 libxcursor1 lib
 RUN ?= runs/demo
 WORKERS ?= 2
 
-.PHONY: demo test docs lint style contracts types suite bench pictures catalogue system clean
+.PHONY: demo test slow docs lint style contracts types suite bench pictures catalogue system clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.ready
@@ -42,6 +43,9 @@ types: $(VENV)/.ready-dev
 suite: $(VENV)/.ready-dev
 	@$(BIN)/python -m instdrive_core.training.warm_up & $(BIN)/python -m instdrive_app.render.software.warm_up; wait
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
+slow: $(VENV)/.ready-dev
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --slow -m slow
 
 docs: $(VENV)/.ready-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

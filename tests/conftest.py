@@ -70,14 +70,25 @@ def pytest_collection():
         gc.enable()
 
 
-def pytest_collection_modifyitems(items):
-    """Short files come last, so that all workers end together. Tests of a file stay together."""
+def pytest_addoption(parser):
+    parser.addoption("--slow", action="store_true", help="run the tests that are marked slow, too")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Short files come last, so that all workers end together. Tests of a file stay together.
+
+    Slow tests are left out, and counted as deselected, unless `--slow` or their own names ask for them.
+    """
 
     def rank(item):
         path = item.path.relative_to(ROOT / "tests")
         return next((place for place, name in enumerate(FIRST) if path.is_relative_to(name)), len(FIRST))
 
     items.sort(key=rank)
+    if config.getoption("--slow") or any("::" in name for name in config.args):
+        return
+    config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("slow")])
+    items[:] = [item for item in items if not item.get_closest_marker("slow")]
 
 
 @pytest.hookimpl(wrapper=True)

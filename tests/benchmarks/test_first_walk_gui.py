@@ -12,6 +12,7 @@ pytestmark = pytest.mark.gui
 MOST_ACTIONS = 8
 
 
+@pytest.mark.slow
 def test_a_car_is_deleted_filled_and_exported_in_few_actions():
     for tool in ("Xvfb", "xdotool"):
         if shutil.which(tool) is None:

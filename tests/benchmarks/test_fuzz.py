@@ -22,6 +22,7 @@ from instdrive_core.files.restricted_pickle import read_pickle
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="needs /proc and limits on memory")
 
 
+@pytest.mark.slow
 @linux_only
 def test_no_damaged_file_does_harm(monkeypatch):
     # Where others use the cores and nothing is compiled yet, reading a file may take long without being a hang.

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.tour import visit
 
-pytestmark = pytest.mark.gui
+pytestmark = [pytest.mark.gui, pytest.mark.slow]
 
 SIZES = [((1280, 720), 1.0), ((1280, 720), 2.0), ((1600, 900), 1.0), ((1024, 640), 1.0), ((640, 400), 2.0)]
 TINY = [1280, 800]

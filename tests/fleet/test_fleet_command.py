@@ -38,6 +38,7 @@ sys.exit(main(sys.argv[1:]))
 """The command with workers that train nothing; the first that gets the clip ``lost`` is killed."""
 
 
+@pytest.mark.slow
 @needs_ray
 def test_workers_of_ray_are_lost_and_replaced(tmp_path):
     clips = [str(tmp_path / name) for name in ("lost", "bad")]

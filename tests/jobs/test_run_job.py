@@ -51,6 +51,7 @@ def idle(monkeypatch):
     return worked
 
 
+@pytest.mark.slow
 def test_a_drive_that_is_killed_and_stopped_becomes_a_measured_scene(street, tmp_path):
     run, request = tmp_path / "run", JobRequest(str(street), iterations=STEPS)
     killed_in_training(street, run)

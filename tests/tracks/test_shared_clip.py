@@ -13,6 +13,7 @@ from instdrive_core.tracks.finder import find_tracks
 CLIP = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "pandaset" / "002"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (CLIP / "lidar").is_dir(), reason="the shared clip is not here")
 def test_movers_of_the_shared_clip_are_found():
     clip = load_clip(str(CLIP), ClipOptions(first_frame=30, last_frame=41, cameras="1"))

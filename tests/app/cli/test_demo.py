@@ -61,6 +61,7 @@ def test_a_second_demo_uses_what_is_there(demo_folder):
     assert (demo_folder / "run" / "run.json").stat().st_mtime_ns == before
 
 
+@pytest.mark.slow
 @pytest.mark.gui
 def test_the_scripted_session_shows_what_it_did(demo_folder):
     if shutil.which("Xvfb") is None:

@@ -21,6 +21,7 @@ def window(tmp_path):
         yield driver
 
 
+@pytest.mark.slow
 def test_selection_scene_and_masks(window, tmp_path):
     scene = procedural_street(0.3)
     count = scene.table[FIRST_CAR].count

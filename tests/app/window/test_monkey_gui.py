@@ -13,6 +13,7 @@ pytestmark = pytest.mark.gui
 ACTIONS = 40
 
 
+@pytest.mark.slow
 def test_a_monkey_breaks_nothing():
     for tool in ("Xvfb", "xdotool"):
         if shutil.which(tool) is None:

@@ -37,6 +37,7 @@ def enter(window, field, text):
     window.type(text)
 
 
+@pytest.mark.slow
 @pytest.mark.gui
 def test_a_folder_becomes_a_scene_to_click_in(street, tmp_path):
     run = tmp_path / "made"

@@ -84,6 +84,7 @@ def wait_until_written(recovery, deletions):
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_work_of_a_killed_editor_is_offered(open_window, street_folder, tmp_path):
     window = open_window(street_folder)
     delete(window, RED_CAR)

@@ -43,6 +43,7 @@ def lasso(window, box, *modifiers):
     window.drag_along([tuple(point) for point in path], modifiers=modifiers)
 
 
+@pytest.mark.slow
 def test_rectangle_lasso_and_their_keys(window):
     start = window.state["camera"]["world_from_camera"]
     window.key("b")

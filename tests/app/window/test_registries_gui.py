@@ -47,6 +47,7 @@ def test_the_window_menu_lists_the_panels():
     window.session.close()
 
 
+@pytest.mark.slow
 @pytest.mark.gui
 def test_all_are_drawn_without_a_scene_and_with_the_street(tmp_path):
     if shutil.which("Xvfb") is None:

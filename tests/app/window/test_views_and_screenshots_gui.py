@@ -12,6 +12,7 @@ def is_near(state, other):
     return np.allclose(state["camera"]["world_from_camera"], other["camera"]["world_from_camera"], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_views_are_kept_and_pictures_taken(street_folder, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)

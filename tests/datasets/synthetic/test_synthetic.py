@@ -128,6 +128,7 @@ def digest(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_files_and_another_seed_others(tmp_path: Path) -> None:
     runs = {}
     for name, seed in (("first", 11), ("again", 11), ("other", 12)):

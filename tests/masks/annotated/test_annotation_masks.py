@@ -232,6 +232,7 @@ def test_borders_are_opened_but_small_things_kept():
     assert (opened == 2).sum() == 4
 
 
+@pytest.mark.slow
 def test_the_real_clip_gives_whole_cars_one_road_and_a_sky(pandaset_clip):
     clip = load_clip(str(pandaset_clip), ClipOptions(first_frame=40, last_frame=44))
     labels = AnnotationLabels(clip, held_out=False)

@@ -278,6 +278,7 @@ def test_a_clip_without_lidar_is_refused(street):
         LidarLabels(replace(street, sweeps=()))
 
 
+@pytest.mark.slow
 def test_the_real_clip_gives_cars_a_road_and_a_sky(pandaset_clip):
     clip = load_clip(str(pandaset_clip), ClipOptions(cameras="front_left_camera", first_frame=36, last_frame=46))
     labels = LidarLabels(clip)

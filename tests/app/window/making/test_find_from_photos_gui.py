@@ -10,6 +10,7 @@ from instdrive_core.edits.kinds.labels.relabel_rows import RelabelRows
 from instdrive_core.project.open import open_project
 
 
+@pytest.mark.slow
 @pytest.mark.gui
 def test_objects_are_found_in_photos_and_kept_in_the_project(tmp_path):
     street = write_photographed_street(tmp_path)

@@ -33,6 +33,7 @@ def run(tmp_path_factory):
     return run_training(request, lambda event: None, lambda note: None)
 
 
+@pytest.mark.slow
 @pytest.mark.gui
 def test_an_edited_scene_trains_on_and_opens_with_edits_made_before_and_meanwhile(run, tmp_path):
     made = tmp_path / "better"
@@ -63,6 +64,7 @@ def test_an_edited_scene_trains_on_and_opens_with_edits_made_before_and_meanwhil
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.gui
 def test_a_job_goes_on_where_editor_and_job_were_killed(run, tmp_path):
     made = tmp_path / "better"

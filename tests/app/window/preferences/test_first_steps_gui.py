@@ -15,6 +15,7 @@ def start(scene, folder, state):
     return driver
 
 
+@pytest.mark.slow
 def test_first_steps_are_shown_once_and_on_demand(street_folder, tmp_path):
     state = tmp_path / "state"
     with editor_display():

@@ -27,6 +27,7 @@ def ask_for_key(window, words, action, key):
     window.key(key)
 
 
+@pytest.mark.slow
 def test_presets_and_own_keys_work_at_once_and_survive_a_file(street_folder, tmp_path):
     path = tmp_path / "mine.json"
     with editor_window(street_folder, tmp_path) as window:

@@ -26,6 +26,7 @@ def choose_theme(window, name):
     window.wait_for(lambda state: state["preferences"]["theme"] == name, f"the theme {name}")
 
 
+@pytest.mark.slow
 def test_themes_are_shown_at_once_and_kept(street_folder, tmp_path):
     with editor_window(street_folder, tmp_path) as window:
         for name in ("light", "high contrast", "dark", "light"):

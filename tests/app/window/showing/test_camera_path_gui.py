@@ -33,6 +33,7 @@ def export_film(window, path, mode, ending):
     window.wait_for_message(f"to {path}")
 
 
+@pytest.mark.slow
 def test_a_path_is_made_played_filmed_and_kept(street_folder, tmp_path):
     project = tmp_path / "filmed.instdrive"
     with editor_window(street_folder, tmp_path) as window:

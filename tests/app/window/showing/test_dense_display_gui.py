@@ -15,6 +15,7 @@ SIZE = (1920, 1080)
 """Pixels of the screen."""
 
 
+@pytest.mark.slow
 def test_clicks_lassos_handles_and_pictures_of_a_dense_display(street_folder, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)

@@ -17,6 +17,7 @@ def open_dialog(window):
     window.wait_for_widget("record.folder")
 
 
+@pytest.mark.slow
 def test_a_way_is_drawn_and_recorded(window, tmp_path):
     folder = tmp_path / "recorded"
     open_dialog(window)

@@ -122,6 +122,7 @@ def find_rows(scene, instance):
     return scene.gaussians.means[scene.instance_ids == instance]
 
 
+@pytest.mark.slow
 def test_holes_wait_through_deletions_undo_moves_saving_and_a_crash(tmp_path):
     save_scene(tmp_path / "parked", parked_street().scene)
     project = tmp_path / "holes.instdrive"

@@ -45,6 +45,7 @@ def type_shutter(window, seconds):
     window.key("Tab")
 
 
+@pytest.mark.slow
 def test_an_edited_drive_is_recorded_stopped_and_finished(street_folder, tmp_path):
     folder = tmp_path / "recorded"
     with editor_window(street_folder, tmp_path) as window:

@@ -34,6 +34,7 @@ def carry_a_way_through_a_scenario(window, path, driven):
     assert window.state["way_keys"][-1][1:] == pytest.approx(driven[-1][1:], abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_way_is_edited_everywhere_and_kept(street_folder, tmp_path):
     project = tmp_path / "ways.instdrive"
     with editor_window(street_folder, tmp_path) as window:

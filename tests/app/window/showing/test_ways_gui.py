@@ -14,6 +14,7 @@ def choose(window, name):
     window.click_widget(f"menu {name}")
 
 
+@pytest.mark.slow
 def test_the_driving_car_changes_lane_and_is_parked(street_folder, tmp_path):
     with editor_window(street_folder, tmp_path) as window:
         window.click_widget("instances.search")
