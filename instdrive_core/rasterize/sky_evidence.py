@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float32
-from numpy import ndarray
 from scipy import ndimage
 
+from instdrive_core.rasterize.ground_color import find_ground_color
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky, find_cube_taps
-from instdrive_core.scene.sky_fill import fill_unseen_sky
+from instdrive_core.scene.sky_fill import SkyEvidence, fill_unseen_sky
 
 WIDTH = 200
 """Pixels across the pictures that evidence is taken from."""
@@ -22,8 +21,8 @@ MOST_VIEWS, FEWEST_VIEWS, FULL_COUNT = 24, 12, 200_000
 _LEAST_WEIGHT = 0.1
 
 
-def measure_sky_evidence(scene: Scene, resolution: int) -> Float32[ndarray, "6 {resolution} {resolution}"]:
-    """Measure the largest share of light, 0 … 1, that reaches a photo's camera from each texel of the sky.
+def measure_sky_evidence(scene: Scene, resolution: int) -> SkyEvidence:
+    """Measure how much light reaches the photos' cameras from each texel of a sky; find the ground's colour, too.
 
     Looks through evenly chosen cameras of the scene, at small pictures.
     """
@@ -38,7 +37,8 @@ def measure_sky_evidence(scene: Scene, resolution: int) -> Float32[ndarray, "6 {
             np.maximum.at(evidence, texels[near, tap], clear[near])
     faces = evidence.reshape(6, resolution, resolution)
     # Texels between the rays of two pixels were seen, too.
-    return np.clip(np.stack([ndimage.grey_closing(face, 3) for face in faces]), 0, 1)
+    light = np.clip(np.stack([ndimage.grey_closing(face, 3) for face in faces]), 0, 1)
+    return SkyEvidence(light, find_ground_color(scene))
 
 
 def choose_spread_views(views: Sequence[CameraView], wanted: int) -> list[CameraView]:
@@ -56,7 +56,7 @@ def choose_spread_views(views: Sequence[CameraView], wanted: int) -> list[Camera
 
 
 def fill_scene_sky(scene: Scene) -> Sky | None:
-    """Fill the texels of the scene's sky that none of its photos saw; the sky itself where there are no cameras."""
+    """Fill what none of the scene's photos saw of its sky and below it; the sky itself where there are no cameras."""
     if scene.sky is None or not scene.views:
         return scene.sky
     return fill_unseen_sky(scene.sky, measure_sky_evidence(scene, scene.sky.faces.shape[1]))

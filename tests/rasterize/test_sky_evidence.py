@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from procedural_street import procedural_street
+from procedural_street import ROAD, procedural_street
 
+from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.rasterize.ground_color import find_ground_color
 from instdrive_core.rasterize.sky_evidence import choose_spread_views, fill_scene_sky, measure_sky_evidence
 from instdrive_core.scene.sky import Sky, find_cube_taps
 
@@ -12,7 +14,7 @@ from instdrive_core.scene.sky import Sky, find_cube_taps
 def test_evidence_is_where_a_camera_sees_past_the_splats():
     scene = procedural_street(0.5)
     evidence = measure_sky_evidence(scene, 64)
-    flat = evidence.reshape(-1)
+    flat = evidence.light.reshape(-1)
 
     def look(*direction):
         return flat[find_cube_taps(np.array([direction], np.float32), 64)[0][0]].max()
@@ -21,6 +23,31 @@ def test_evidence_is_where_a_camera_sees_past_the_splats():
     assert look(*(ahead + np.array([0, 0, 0.25]))) > 0.9
     assert look(*-ahead) < 0.01
     assert look(0.0, 0.0, -1.0) < 0.01
+
+
+def test_where_no_photo_saw_the_ground_it_has_the_colour_of_the_road():
+    scene = procedural_street(0.3)
+    scene.sky = Sky(np.ones((6, 32, 32, 3), np.float32))
+    road = color_from_dc(scene.gaussians.sh_dc[scene.instance_ids == ROAD])
+    below = fill_scene_sky(scene).faces[5, 16, 16]
+    np.testing.assert_allclose(below, np.median(road, axis=0), atol=0.05)
+
+
+def test_splats_far_from_the_cameras_or_above_them_are_no_ground():
+    scene = procedural_street(0.3)
+    assert find_ground_color(scene) is not None
+
+    def look_from(shift):
+        views = []
+        for view in scene.views:
+            pose = view.camera.world_from_camera.copy()
+            pose[:3, 3] += shift
+            views.append(replace(view, camera=replace(view.camera, world_from_camera=pose)))
+        return replace(scene, views=tuple(views))
+
+    assert find_ground_color(look_from((0, 100, 0))) is None
+    assert find_ground_color(look_from((0, 0, -2))) is None
+    assert find_ground_color(replace(scene, views=())) is None
 
 
 def test_noise_behind_the_cameras_is_filled_and_the_photos_views_keep_their_sky():

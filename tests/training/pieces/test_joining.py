@@ -14,6 +14,7 @@ from instdrive_core.scene.exposure import Exposures, apply_exposure
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
+from instdrive_core.scene.sky_fill import SkyEvidence
 from instdrive_core.scene.track import Track
 from instdrive_core.training.pieces.colors import align_colors, change_colors
 from instdrive_core.training.pieces.cut import cut_clip, list_steps
@@ -193,7 +194,7 @@ def test_a_direction_takes_the_sky_of_the_piece_that_saw_it():
     bright, dark = (Sky(np.full((6, 8, 8, 3), value, np.float32)) for value in (0.9, 0.1))
     saw, blind = np.zeros((6, 8, 8), np.float32), np.zeros((6, 8, 8), np.float32)
     saw[4, :4], blind[4, 4:] = 1, 1
-    joined = join_skies([SeenSky(bright, saw), SeenSky(dark, blind)])
+    joined = join_skies([SeenSky(bright, SkyEvidence(saw)), SeenSky(dark, SkyEvidence(blind))])
     np.testing.assert_allclose(joined.faces[4, :4], 0.9, atol=0.01)
     np.testing.assert_allclose(joined.faces[4, 4:], 0.1, atol=0.01)
     assert join_skies([]) is None
