@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from weakref import ref
 
 import numpy as np
@@ -35,6 +37,8 @@ GROUND_RADII = (4.0, 8.0, 16.0, 40.0)
 MIN_OPACITY_LOGIT = -2.0
 """Fainter splats do not count when a view is chosen."""
 
+AROUND_PLACE = np.array(list(product((-2.0, 0.0, 2.0), (-2.0, 0.0, 2.0), (-0.5, 0.5))))
+"""Offsets (metres) of what is to be seen around a place of the ground."""
 LEAST_IN_VIEW = 0.2
 """Share of splats inside the film below which something counts as out of view."""
 LOWEST, HIGHEST = -0.7, 0.2
@@ -238,6 +242,11 @@ class Navigation:
 
     def _frame_thing(self, ids: tuple[int, ...], means: Float[ndarray, "n 3"]) -> None:
         """Frame instances from where nothing that is shown stands before them."""
+        sights = self._find_sights(ids, np.mean(find_main_box(means), axis=0))
+        self.look_from(self._frame_points(self._state.viewpoint, means, sights))
+
+    def _frame_points(self, viewpoint: Viewpoint, points: Float[ndarray, "n 3"], sights: Sequence[Sight]) -> Viewpoint:
+        """Frame points, roughly as a viewpoint looks, from where nothing that is shown stands before them."""
         document = self._context.document
         assert document is not None
         drawn = np.flatnonzero(document.state.drawn)
@@ -246,8 +255,7 @@ class Navigation:
         others = others[document.scene.gaussians.opacity_logits[others] > MIN_OPACITY_LOGIT]
         widths = np.exp(np.sort(document.scene.gaussians.log_scales[others], axis=1)[:, 1:].sum(axis=1))
         areas = stride * np.pi * widths.astype(np.float64)
-        sights = self._find_sights(ids, np.mean(find_main_box(means), axis=0))
-        self.look_from(frame_thing(self._state.viewpoint, means, self._place(others), areas, sights))
+        return frame_thing(viewpoint, points, self._place(others), areas, sights)
 
     def _find_sights(self, ids: tuple[int, ...], middle: Float[ndarray, "3"]) -> tuple[Sight, ...]:
         """Find from where photos show instances, as far as they stand still or move as one."""
@@ -283,10 +291,15 @@ class Navigation:
             self.look_from(camera.look_straight_down(self._state.viewpoint, means))
 
     def go_to_place(self, x: float, y: float) -> None:
-        """Look at a place of the ground (metres) from nearby, in the direction in which the user looks now."""
+        """Look at a place of the ground (metres) from nearby, in the direction in which the user looks now.
+
+        Where photos show the place, it is looked at from one of them.
+        """
         height = self.find_ground_height(np.array([x, y, 0.0]))
-        ground = self._state.viewpoint.pivot[2] if height is None else height
-        self.look_from(camera.look_at_ground(self._state.viewpoint, np.array([x, y, ground])))
+        place = np.array([x, y, self._state.viewpoint.pivot[2] if height is None else height])
+        wanted = camera.look_at_ground(self._state.viewpoint, place)
+        sights = find_sights(() if self._document is None else self._document.scene.views, place)
+        self.look_from(self._frame_points(wanted, place + AROUND_PLACE, sights) if sights else wanted)
 
     def compute_world_means(self, ids: tuple[int, ...]) -> Float[ndarray, "n 3"]:
         """Compute world positions of instances, or of everything, at the shown time, without deleted splats.

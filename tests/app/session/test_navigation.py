@@ -78,3 +78,20 @@ def test_framing_what_is_not_there_goes_to_when_it_is_and_says_so(session):
     said = len(session.messages.log)
     session.navigation.frame((driving,))
     assert len(session.messages.log) == said
+
+
+def test_a_place_of_the_map_is_looked_at_from_a_photo_that_shows_it(session):
+    session.navigation.go_to_place(0.5, 14.0)
+
+    def find_looked_at():
+        view = session.state.viewpoint
+        return (view.position - view.position[2] / view.forward[2] * view.forward)[:2]
+
+    view = session.state.viewpoint
+    places = [each.camera.world_from_camera[:3, 3] for each in session.document.scene.views]
+    assert min(np.linalg.norm(view.position - place) for place in places) < 1e-9
+    np.testing.assert_allclose(find_looked_at(), (0.5, 14.0), atol=0.5)
+    session.show(Document(replace(session.document.scene, views=())))
+    session.navigation.go_to_place(0.5, 14.0)
+    np.testing.assert_allclose(find_looked_at(), (0.5, 14.0), atol=0.5)
+    assert session.state.viewpoint.zoom == 1.0
