@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
 from instdrive_core.maths.spherical_harmonics import color_from_dc
@@ -32,9 +32,9 @@ def find_ground_color(scene: Scene) -> Float64[ndarray, "3"] | None:
     gaussians = scene.gaussians
     rows = np.flatnonzero((scene.nodes == 0) & (gaussians.opacity_logits >= SOLID_LOGIT))
     means = gaussians.means[rows]
-    away, nearest = cKDTree(eyes[:, :2]).query(means[:, :2], distance_upper_bound=NEAR)
+    away, nearest = KDTree(eyes[:, :2]).query(means[:, :2], distance_upper_bound=NEAR)
     near = np.flatnonzero(np.isfinite(away))
-    rows = rows[near[means[near, 2] < eyes[nearest[near], 2] - BELOW]]
+    rows = rows[near[means[near, 2] < eyes[np.asarray(nearest)[near], 2] - BELOW]]
     axes = matrix_from_quaternion(normalize_quaternions(gaussians.quats[rows]))
     shortest = np.argmin(gaussians.log_scales[rows], axis=1)
     rows = rows[np.abs(axes[np.arange(len(rows)), 2, shortest]) >= UPRIGHT]

@@ -6,7 +6,7 @@ What passes by says when, and a click goes there.
 from dataclasses import replace
 
 import pytest
-from procedural_street import DRIVING_CAR, procedural_street
+from procedural_street import DRIVING_CAR, ROAD, procedural_street
 from window_driver import editor_window
 
 from instdrive_core.formats.registry import save_scene
@@ -38,6 +38,7 @@ def test_what_is_not_there_yet_says_when_it_is_and_a_click_goes_there(tmp_path):
     with editor_window(tmp_path / "street", tmp_path) as window:
         window.click_widget("instances.search")
         window.type(str(DRIVING_CAR))
+        window.wait_for(lambda state: f"instances.{ROAD}" not in state["widgets"], "one row in the list")
         window.click_widget(f"instances.{DRIVING_CAR}")
         window.wait_for_selection(DRIVING_CAR)
         window.click_widget("inspector.go_to_time")

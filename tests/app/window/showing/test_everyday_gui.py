@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from parked_street import CAR, OTHER_CAR, WALL, parked_street
 from PIL import ImageGrab
-from procedural_street import DRIVING_CAR, FIRST_CAR, procedural_street
+from procedural_street import DRIVING_CAR, FIRST_CAR, ROAD, procedural_street
 from window_driver import PATIENCE, editor_display, editor_window, start_editor
 
 from instdrive_app.framing import find_dense_core
@@ -49,6 +49,7 @@ def test_alone_home_turned_painted_exported_and_opened_as_it_was_left(window, tm
     window.wait_for(lambda state: state["cameras"]["looked_through"] == 1, "the camera that looks to the right")
     window.click_widget("instances.search")
     window.type("car")
+    window.wait_for(lambda state: f"instances.{ROAD}" not in state["widgets"], "cars only in the list")
     window.click_widget(f"instances.{WHITE_CAR}.solo")
     window.wait_for(lambda state: state["visible"] == [WHITE_CAR], "one car alone")
     left, top, right, bottom = window.wait_until_calm()["widgets"]["picture"]
