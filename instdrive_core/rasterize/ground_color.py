@@ -30,7 +30,9 @@ def find_ground_color(scene: Scene) -> Float64[ndarray, "3"] | None:
         return None
     eyes = np.array([view.camera.world_from_camera[:3, 3] for view in scene.views])
     gaussians = scene.gaussians
-    rows = np.flatnonzero((scene.nodes == 0) & (gaussians.opacity_logits >= SOLID_LOGIT))
+    whole = np.isfinite(gaussians.means).all(axis=1) & np.isfinite(gaussians.log_scales).all(axis=1)
+    whole &= np.isfinite(gaussians.quats).all(axis=1) & np.isfinite(gaussians.sh_dc).all(axis=1)
+    rows = np.flatnonzero((scene.nodes == 0) & (gaussians.opacity_logits >= SOLID_LOGIT) & whole)
     means = gaussians.means[rows]
     away, nearest = KDTree(eyes[:, :2]).query(means[:, :2], distance_upper_bound=NEAR)
     near = np.flatnonzero(np.isfinite(away))

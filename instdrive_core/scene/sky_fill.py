@@ -17,6 +17,8 @@ from instdrive_core.scene.sky import Sky, compute_texel_directions
 
 SEEN, UNSEEN = 0.7, 0.3
 """Share of light that reached a photo: from the first on a texel keeps its colour, below the second it loses it."""
+SEEN_BELOW, UNSEEN_BELOW = 0.1, 0.02
+"""Less light counts below the horizon: the ground's colour differs more from what shone through thin ground."""
 ROWS, COLUMNS = 64, 128
 """Cells from nadir to zenith and around, in which colours are spread."""
 SPREADS = ((16.0, 64.0), (8.0, 32.0), (4.0, 12.0), (2.0, 5.0), (1.0, 1.5))
@@ -53,6 +55,9 @@ def fill_unseen_sky(sky: Sky, evidence: SkyEvidence) -> Sky:
     directions = compute_texel_directions(sky.faces.shape[1])
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     heights = directions[..., 2]
+    if evidence.ground is not None:
+        tinted = np.clip((evidence.light - UNSEEN_BELOW) / (SEEN_BELOW - UNSEEN_BELOW), 0, 1)
+        kept = np.where(heights < -np.sin(GROUND_BEGINS), tinted, kept)
     weights = kept * (heights > LOWEST_SOURCE)
     if not weights.any():
         return sky

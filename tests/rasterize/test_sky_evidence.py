@@ -7,6 +7,7 @@ from procedural_street import ROAD, procedural_street
 
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.rasterize.ground_color import find_ground_color
+from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.rasterize.sky_evidence import choose_spread_views, fill_scene_sky, measure_sky_evidence
 from instdrive_core.scene.sky import Sky, find_cube_taps
 
@@ -48,6 +49,23 @@ def test_splats_far_from_the_cameras_or_above_them_are_no_ground():
     assert find_ground_color(look_from((0, 100, 0))) is None
     assert find_ground_color(look_from((0, 0, -2))) is None
     assert find_ground_color(replace(scene, views=())) is None
+
+
+def test_broken_splats_are_no_ground():
+    scene = procedural_street(0.3)
+    plain = find_ground_color(scene)
+    broken = np.flatnonzero(scene.instance_ids == ROAD)[:3]
+    for row, column in zip(broken, ("means", "quats", "sh_dc"), strict=True):
+        getattr(scene.gaussians, column)[row] = np.nan
+    np.testing.assert_allclose(find_ground_color(scene), plain, atol=0.01)
+
+
+def test_photos_see_the_same_as_before():
+    scene = procedural_street()
+    filled = replace(scene, sky=fill_scene_sky(scene))
+    for view in scene.views[:2]:
+        pictures = [view_scene(each, view.camera, view.time).color for each in (scene, filled)]
+        assert np.mean((pictures[0] - pictures[1]) ** 2) < 10**-4.5
 
 
 def test_noise_behind_the_cameras_is_filled_and_the_photos_views_keep_their_sky():
