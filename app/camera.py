@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from instdrive_app.state import Intrinsics, Viewpoint
@@ -101,6 +101,12 @@ def lift(viewpoint: Viewpoint, up: float) -> Viewpoint:
     return replace(viewpoint, world_from_camera=pose)
 
 
+def find_main_box(points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
+    """Lower and upper corner of the box that holds most of the points (at least one) along each axis."""
+    low, high = np.percentile(points, [2, 98], axis=0)
+    return low, high
+
+
 def frame_box(
     viewpoint: Viewpoint,
     low: Float[ndarray, "3"],
@@ -137,7 +143,7 @@ def look_at_ground(viewpoint: Viewpoint, place: Float[ndarray, "3"]) -> Viewpoin
 
 def look_straight_down(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
     """Look straight down at most of the points (at least one), with the present heading up in the picture."""
-    low, high = np.percentile(points, [2, 98], axis=0)
+    low, high = find_main_box(points)
     heading = viewpoint.forward * [1, 1, 0]
     if np.linalg.norm(heading) < 1e-6:  # looking down already: take the picture's up
         heading = -viewpoint.world_from_camera[:3, 1] * [1, 1, 0]

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float
 from numpy import ndarray
 
-from instdrive_app.camera import NEAREST_PIVOT, frame_box
+from instdrive_app.camera import NEAREST_PIVOT, find_main_box, frame_box
 from instdrive_app.sights import Sight
 from instdrive_app.state import Intrinsics, Viewpoint, make_default_viewpoint
 from instdrive_core.scene.camera import look_at
@@ -101,12 +101,6 @@ def frame_thing(
             break
     assert best is not None
     return best
-
-
-def find_main_box(points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3"]]:
-    """Lower and upper corner of the box that holds most of the points (at least one) along each axis."""
-    low, high = np.percentile(points, [2, 98], axis=0)
-    return low, high
 
 
 def _list_views(

@@ -12,7 +12,7 @@ from jaxtyping import Float, Float32, Float64, Int
 from numpy import ndarray
 
 from instdrive_app import camera
-from instdrive_app.framing import find_main_box, frame_core, frame_scene, frame_thing
+from instdrive_app.framing import frame_core, frame_scene, frame_thing
 from instdrive_app.session.context import SessionContext
 from instdrive_app.sights import Sight, find_sights
 from instdrive_app.state import Viewpoint
@@ -242,7 +242,7 @@ class Navigation:
 
     def _frame_thing(self, ids: tuple[int, ...], means: Float[ndarray, "n 3"]) -> None:
         """Frame instances from where nothing that is shown stands before them."""
-        sights = self._find_sights(ids, np.mean(find_main_box(means), axis=0))
+        sights = self._find_sights(ids, np.mean(camera.find_main_box(means), axis=0))
         self.look_from(self._frame_points(self._state.viewpoint, means, sights))
 
     def _frame_points(self, viewpoint: Viewpoint, points: Float[ndarray, "n 3"], sights: Sequence[Sight]) -> Viewpoint:

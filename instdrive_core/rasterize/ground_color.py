@@ -7,8 +7,9 @@ from jaxtyping import Float64
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
+from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.maths.splat_axes import compute_normals
 from instdrive_core.scene.scene import Scene
 
 NEAR, BELOW = 12.0, 0.8
@@ -37,9 +38,8 @@ def find_ground_color(scene: Scene) -> Float64[ndarray, "3"] | None:
     away, nearest = KDTree(eyes[:, :2]).query(means[:, :2], distance_upper_bound=NEAR)
     near = np.flatnonzero(np.isfinite(away))
     rows = rows[near[means[near, 2] < eyes[np.asarray(nearest)[near], 2] - BELOW]]
-    axes = matrix_from_quaternion(normalize_quaternions(gaussians.quats[rows]))
-    shortest = np.argmin(gaussians.log_scales[rows], axis=1)
-    rows = rows[np.abs(axes[np.arange(len(rows)), 2, shortest]) >= UPRIGHT]
+    normals = compute_normals(normalize_quaternions(gaussians.quats[rows]), gaussians.log_scales[rows])
+    rows = rows[np.abs(normals[:, 2]) >= UPRIGHT]
     if len(rows) < FEWEST:
         return None
     return np.median(color_from_dc(gaussians.sh_dc[rows]), axis=0).clip(0, 1).astype(np.float64)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from procedural_street import driving_track
 
-from instdrive_app.camera import dolly, look
-from instdrive_app.framing import MOST_ZOOM, find_main_box, frame_thing
+from instdrive_app.camera import dolly, find_main_box, look
+from instdrive_app.framing import MOST_ZOOM, frame_thing
 from instdrive_app.sights import find_sights
 from instdrive_app.state import make_default_viewpoint
 from instdrive_core.scene.camera import Camera, CameraView, look_at

@@ -6,11 +6,11 @@ from jaxtyping import Float32, Int64
 from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.maths.splat_axes import compute_thicknesses
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.ground_claims import claim_flat
 from instdrive_core.training.instances.ground_height import measure_heights
 from instdrive_core.training.instances.level_ground import join_level_ground
-from instdrive_core.training.instances.splat_axes import compute_thicknesses
 from instdrive_core.training.instances.standing_things import part_standing_things
 
 

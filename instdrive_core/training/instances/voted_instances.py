@@ -19,6 +19,7 @@ from instdrive_core.instances.similarity import fill_from_similar
 from instdrive_core.masks.lidar.scene import LidarScene
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.maths.splat_axes import compute_normals
 from instdrive_core.training.gaussians.first_shadows import find_model_shadows
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.affinity_graph import merge_groups
@@ -27,7 +28,6 @@ from instdrive_core.training.instances.instance_learner import LearnedInstances
 from instdrive_core.training.instances.lidar_things import add_lidar_masks, assign_lidar_things, measure_silence
 from instdrive_core.training.instances.mask_votes import compute_vote_shares, vote_groups
 from instdrive_core.training.instances.mask_weights import MaskWeights, measure_mask_weights
-from instdrive_core.training.instances.splat_axes import compute_normals
 from instdrive_core.training.instances.strays import find_reaches, find_strays, give_strays_away
 from instdrive_core.training.instances.superpoints import find_neighbor_pairs, join_superpoints
 from instdrive_core.training.settings.config import GraphConfig, TrainConfig

@@ -8,7 +8,8 @@ import pytest
 from scipy.sparse import csr_array
 
 from instdrive_core.instances import similarity
-from instdrive_core.training.instances import mask_agreement, splat_axes, superpoints
+from instdrive_core.maths import splat_axes
+from instdrive_core.training.instances import mask_agreement, superpoints
 from instdrive_core.training.instances.affinity_graph import merge_groups
 from instdrive_core.training.instances.mask_agreement import compute_agreements
 from instdrive_core.training.instances.mask_votes import compute_vote_shares, sum_mask_areas, vote_groups
