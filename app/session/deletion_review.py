@@ -73,8 +73,8 @@ class DeletionFindings:
 
     @property
     def holes(self) -> tuple[Hole, ...]:
-        """The holes, until they are filled."""
-        return () if self._is_done(self.fill_edit) else self.report.holes
+        """The holes, in the ground or only in what stands behind, until they are filled."""
+        return () if self._is_done(self.fill_edit) else tuple(each.hole for each in self.report.clearings)
 
     @property
     def is_current(self) -> bool:
@@ -275,6 +275,8 @@ class DeletionReview:
         count, area = fill.hole_count, fill.area
         if count > 1:
             text = phrase("Filled {count} holes of {area:.1f} m² with synthetic ground", count=count, area=area)
+        elif not count:
+            text = phrase("Filled the gap with synthetic splats")
         else:
             text = phrase("Filled a hole of {area:.1f} m² with synthetic ground", area=area)
         self._messages.info(text)

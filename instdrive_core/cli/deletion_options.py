@@ -6,6 +6,7 @@ from collections.abc import Iterable, Set
 from dataclasses import dataclass
 
 from instdrive_core.edits.deletions.deletion_report import DeletionReport, report_deletion
+from instdrive_core.edits.deletions.prepared_fill import prepare_useful
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.delete import DeleteInstances
@@ -50,6 +51,7 @@ class DeletionOptions:
             print(f"{_lower_first(cleanup.title)}: done")
         for fill in found.make_fill_edits() if self.fill_holes else ():
             try:
+                prepare_useful(document, fill)
                 document.apply(fill)
             except EditError as error:
                 print(f"{_lower_first(fill.title)} ({fill.name}): not done, {error}")

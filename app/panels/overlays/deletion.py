@@ -66,7 +66,7 @@ class DeletionOverlay:
             return
         draw = imgui.get_window_draw_list()
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
-        holes = [hole for each in ui.session.deletion.review.pending for hole in each.holes]
+        holes = [hole for each in ui.session.deletion.review.pending for hole in each.holes if hole.area]
         for hole in holes:
             _draw_pattern(self._find_pattern(hole), snapshot.camera, place)
         self._patterns = [known for known in self._patterns if any(known[0] is hole for hole in holes)]
@@ -162,6 +162,8 @@ def _compose_lines(ui: Ui, found: DeletionFindings) -> list[_Line]:
         )
     if found.holes:
         words = translate("Fill hole" if len(found.holes) == 1 else "Fill holes")
+        if not found.report.holes:
+            words = translate("Fill gap")
         if ui.session.deletion.review.is_filling:
             words = translate("Filling…")
         text = translate(found.report.hole_text)

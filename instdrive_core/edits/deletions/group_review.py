@@ -11,9 +11,11 @@ from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.bare_ground import find_bare_hole, find_bare_places, look_up_to_walls
-from instdrive_core.edits.holes.deleted_neighbors import find_deleted_neighbors
+from instdrive_core.edits.holes.behind.wide_things import find_hole_behind
+from instdrive_core.edits.holes.deleted_neighbors import Members, find_deleted_neighbors
 from instdrive_core.edits.holes.holes import Hole, build_ground_grid, find_hole
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
+from instdrive_core.edits.holes.standing_height import HIGHEST, measure_standing_height
 from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings, find_surroundings
 from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
 from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
@@ -73,15 +75,16 @@ def review_group(
 
     around, record = look_around(None), None if evidence is None else evidence.record
     if around is None:
-        wide = phrase("no photo shows what is behind it, and only holes behind single objects are filled")
-        return GroupReview(residue, (), record, wide if _leaves_gap(evidence) else "")
+        wide, unfilled = _review_wide(document, members, evidence, time, leaving)
+        return GroupReview(residue, wide, record, unfilled)
     ids, gone = tuple(part.instance_id for part in parts), {part.instance_id: part.rows for part in others}
 
     def find_beside(place: Float64[ndarray, "3"]) -> tuple[StandingObject, ...]:
         return find_deleted_neighbors(document, place, ids, gone)
 
     hole = _find_hole(around, residue, None if around.moves else evidence, ids, find_beside(around.place))
-    holes = [] if hole is None or not (hole.area or hole.behind) else [hole]
+    walled = evidence is not None and evidence.walled_share > MAX_GAP_SHARE
+    holes = [] if hole is None or not (hole.area or (hole.behind and walled)) else [hole]
     if around.moves and evidence is not None:
         holes += _find_bare_holes(around, evidence, holes, look_around, find_beside)
     lone = phrase("no ground found around it to fill from") if hole is None and _leaves_gap(evidence) else ""
@@ -108,6 +111,30 @@ def _find_bare_holes(
         if hole is not None:  # the first fill closes what stands behind
             holes.append(hole if holes else replace(hole, behind=tuple(each.body.instance for each in around.deleted)))
     return holes
+
+
+def _review_wide(
+    document: Document,
+    members: Members,
+    evidence: PhotoEvidence | None,
+    time: float,
+    leaving: Int64[ndarray, "_"],
+) -> tuple[tuple[Hole, ...], str]:
+    """The hole that something left which is no single object, or why nothing fills what it hid."""
+    if evidence is None or not _leaves_gap(evidence):
+        return (), ""
+    heights = [measure_standing_height(document, rows) for _, rows in members]
+    if not any(heights):
+        return (), phrase("no photo shows what is below it")
+    if max(heights) > HIGHEST:
+        high = phrase(
+            "no photo shows what is behind it, and nothing higher than {most:g} m is filled behind", most=HIGHEST
+        )
+        return (), high
+    if evidence.walled_share <= MAX_GAP_SHARE:
+        return (), ""
+    hole = find_hole_behind(document, members, evidence.looks, time, leaving)
+    return ((), phrase("no ground found around it to fill from")) if hole is None else ((hole,), "")
 
 
 def join_rows(parts: Sequence[DeletedPart]) -> Int64[ndarray, " n"]:

@@ -39,6 +39,13 @@ class PreparedFill:
         return self.fills[0].is_prepared_for(document)
 
 
+def prepare_useful(document: Document, fill: FillHole) -> None:
+    """Work out what a fill copies. Raises EditError where that is nothing."""
+    fill.prepare(document)
+    if fill.lays_nothing:
+        raise EditError("nothing stands around it that would go on there")
+
+
 def prepare_fills(frozen: Document, fills: Sequence[FillHole]) -> PreparedFill:
     """Work out one or more fills on a frozen copy of a document, each on what the ones before it laid.
 
@@ -48,7 +55,7 @@ def prepare_fills(frozen: Document, fills: Sequence[FillHole]) -> PreparedFill:
     for number, fill in enumerate(fills):
         with report_span(number / len(fills), (number + 1) / len(fills)):
             try:
-                fill.prepare(frozen)
+                prepare_useful(frozen, fill)
                 if number + 1 < len(fills):
                     fill.do(frozen)
                 done.append(fill)

@@ -15,6 +15,7 @@ from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.edits.holes.ground_cells import find_covered_cells
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.holes import MAX_AWAY
+from instdrive_core.edits.holes.standing_height import measure_standing_height
 from instdrive_core.edits.holes.surroundings import REACH, StandingObject, find_lane_here, make_standing_object
 from instdrive_core.edits.queries.compact_objects import is_compact
 from instdrive_core.scene.selection import Flag
@@ -45,8 +46,8 @@ class _Footprint:
 def group_neighbors(document: Document, things: Members, time: float) -> list[list[int]]:
     """Group things that stood so close together that they left one hole; lists of places in `things`, rising.
 
-    What moves is alone, where it is at `time` (seconds). What is no object, such as a piece of road, left no hole: it
-    joins the only group, or makes one of its own.
+    What moves is alone, where it is at `time` (seconds), and so is what is wide and stands upright, such as a fence or
+    a house. What is no object, such as a piece of road, left no hole: it joins the only group, or makes one of its own.
     """
     found = [make_standing_object(document, number, rows) for number, rows in things]
     moving = [[place] for place, each in enumerate(found) if each is not None and each.track is not None]
@@ -54,10 +55,12 @@ def group_neighbors(document: Document, things: Members, time: float) -> list[li
         _make_footprint(place, each) for place, each in enumerate(found) if each is not None and each.track is None
     ]
     groups = [sorted(each.thing for each in group) for group in _join_close(document, still, time)] + moving
-    rest = [place for place, each in enumerate(found) if each is None]
+    others = [place for place, each in enumerate(found) if each is None]
+    wide = [[place] for place in others if measure_standing_height(document, things[place][1])]
+    rest = [place for place in others if [place] not in wide]
     if rest and len(groups) == 1:
-        return [sorted(groups[0] + rest)]
-    return sorted(groups + ([rest] if rest else []))
+        groups, rest = [sorted(groups[0] + rest)], []
+    return sorted(groups + wide + ([rest] if rest else []))
 
 
 def _make_footprint(thing: int, standing: StandingObject) -> _Footprint:

@@ -55,11 +55,13 @@ class Look:
     """Pixels that show the thing, and a rim around them."""
     open: Bool[ndarray, "h w"]
     """Pixels of the silhouette that too little covers once the thing and all that no photo reached is gone. What moves
-    leaves those out beside which the photo shows the sky at the same height."""
+    leaves those out beside which, left or right, the photo shows the sky at the same height."""
     nearest: float
     """Metres along the viewing axis to where the thing begins."""
     place: Float64[ndarray, "3"]
     """The middle of the thing at that time, metres in the world."""
+    walled: Bool[ndarray, "h w"]
+    """Open pixels above which the photo shows what goes on there, and no sky above them or beside."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,11 @@ class PhotoEvidence:
     def gap_share(self) -> float:
         """Share of the silhouettes' pixels that are open."""
         return float(np.mean(np.concatenate([look.open[look.silhouette] for look in self.looks])))
+
+    @property
+    def walled_share(self) -> float:
+        """Share of the silhouettes' pixels that are open though a wall would go on there."""
+        return float(np.mean(np.concatenate([look.walled[look.silhouette] for look in self.looks])))
 
     @property
     def lost(self) -> Int64[ndarray, " l"]:
@@ -247,20 +254,25 @@ def _open_look(thing: _Thing, sight: PhotoSight, behind: BlendWeights, lost: Boo
     open_ = np.zeros_like(sight.silhouette)
     covers = apply_weights(behind, np.where(lost, np.float32(0), np.float32(1))[:, None])[:, 0]
     open_[sight.silhouette] = covers < MIN_COVER
+    beside_sky = _find_beside_sky(sight.silhouette, sight.sky)
     if thing.moves:
-        open_ &= ~_find_beside_sky(sight)
+        open_ &= ~beside_sky
+    walled = open_ & ~beside_sky & _find_below(sight.silhouette, ~sight.sky)
     place = np.median(thing.find_points(sight.time, sight.camera.lag), axis=0)
-    return Look(sight.camera, sight.time, sight.silhouette, open_, sight.nearest, place)
+    return Look(sight.camera, sight.time, sight.silhouette, open_, sight.nearest, place, walled)
 
 
-def _find_beside_sky(sight: PhotoSight) -> Bool[ndarray, "h w"]:
+def _find_beside_sky(silhouette: Bool[ndarray, "h w"], sky: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
     """Find pixels of the silhouette beside which, left or right of it, the photo shows the sky at the same height."""
-    width = sight.silhouette.shape[1]
-    columns = np.broadcast_to(np.arange(width), sight.silhouette.shape)
-    left = np.maximum.accumulate(np.where(sight.silhouette, -1, columns), axis=1)
-    right = np.minimum.accumulate(np.where(sight.silhouette, width, columns)[:, ::-1], axis=1)[:, ::-1]
-    bordered = np.pad(sight.sky, ((0, 0), (1, 1)))
-    return np.take_along_axis(bordered, left + 1, 1) | np.take_along_axis(bordered, right + 1, 1)
+    left, right = (_find_below(np.rot90(silhouette, turns), np.rot90(sky, turns)) for turns in (-1, 1))
+    return np.rot90(left, 1) | np.rot90(right, -1)
+
+
+def _find_below(silhouette: Bool[ndarray, "h w"], shown: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
+    """Find pixels of the silhouette above which, where it ends, the photo shows something."""
+    lines = np.broadcast_to(np.arange(len(silhouette))[:, None], silhouette.shape)
+    above = np.maximum.accumulate(np.where(silhouette, -1, lines), axis=0)
+    return silhouette & np.take_along_axis(np.pad(shown, ((1, 0), (0, 0))), above + 1, 0)
 
 
 def _sort_by_time(views: Sequence[tuple[CameraView, Camera]]) -> list[tuple[CameraView, Camera]]:

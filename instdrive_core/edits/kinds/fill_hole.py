@@ -116,7 +116,9 @@ class FillHole(AppendEdit):
 
     @property
     def title(self) -> str:
-        """``Fill hole of 7.2 m²``."""
+        """``Fill hole of 7.2 m²``, or ``Fill gap`` where no ground is missing."""
+        if not self.cells:
+            return phrase("Fill gap")
         return phrase("Fill hole of {area:.1f} m²", area=self.area)
 
     @property
@@ -141,6 +143,11 @@ class FillHole(AppendEdit):
     def is_prepared_for(self, document: Document) -> bool:
         """Whether it is known what to copy in a document with this content."""
         return self._filling is not None and self._planned_for == fingerprint(document, CONTENT)
+
+    @property
+    def lays_nothing(self) -> bool:
+        """Whether the plan has nothing to copy: nothing around goes on there."""
+        return self._filling is not None and not len(self._filling.likes)
 
     def do(self, document: Document) -> bool:
         """Add the copies, then delete what they replace."""

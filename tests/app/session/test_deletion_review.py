@@ -127,7 +127,7 @@ def test_selected_splats_leave_what_was_missed(session):
 def test_it_is_told_that_nothing_fills_what_a_surface_hid(session):
     session.deletion.delete((ROAD,))
     finish(session)
-    assert texts(session)[-1].endswith("only holes behind single objects are filled")
+    assert texts(session)[-1].endswith("no photo shows what is below it")
     assert session.deletion.review.findings is None
 
 

@@ -239,11 +239,3 @@ def test_a_gap_without_ground_around_is_told(street):
     report = report_deletion(document, (CAR,), 0.0)
     assert report.holes == ()
     assert report.hole_text == "no ground found around it to fill from"
-
-
-def test_what_a_wall_hid_is_told_to_stay_open(street):
-    document = Document(deepcopy(street.scene))
-    document.apply(DeleteInstances((WALL,)))
-    report = report_deletion(document, (WALL,), 0.0)
-    assert report.holes == ()
-    assert report.hole_text.startswith("no photo shows what is behind it")

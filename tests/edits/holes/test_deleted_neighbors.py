@@ -50,7 +50,7 @@ def test_things_are_joined_as_long_as_they_fit_on_one_map(gap, groups):
 
 def test_surfaces_join_the_only_group_or_make_one_of_their_own():
     document = Document(street_with_gap())
-    assert group_neighbors(document, members(document, WALL, CAR, ROAD), 0.0) == [[0, 1, 2]]
+    assert group_neighbors(document, members(document, WALL, CAR, ROAD), 0.0) == [[0], [1, 2]], "a wall is alone"
     document = Document(street_with_gap(5.0))
     assert group_neighbors(document, members(document, CAR, WALL, OTHER_CAR), 0.0) == [[0], [1], [2]]
     assert group_neighbors(document, [], 0.0) == []

@@ -77,7 +77,7 @@ def plan_backdrop(
     `plane` is the ground's: its height at the world's origin (metres), and its slopes along x and y.
     """
     added: list[Gaussians] = []
-    for look in looks[:MAX_LOOKS]:
+    for look in looks[:MAX_LOOKS] if len(remains.scene) else ():
         closed = _close_look(remains, [ground, *added], plane, look, rng)
         if closed is not None and len(closed):
             added.append(closed)

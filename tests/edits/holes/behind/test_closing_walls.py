@@ -37,7 +37,7 @@ def make_look():
     """A photo in which a car of three by three metres stood before the gap, halfway."""
     silhouette = np.zeros((CAMERA.height, CAMERA.width), bool)
     silhouette[25:55, 45:75] = True
-    return Look(CAMERA, 0.0, silhouette, silhouette, 4.0, np.array([0.0, 0.0, 1.5]))
+    return Look(CAMERA, 0.0, silhouette, silhouette, 4.0, np.array([0.0, 0.0, 1.5]), np.zeros_like(silhouette))
 
 
 def no_splats(scene):

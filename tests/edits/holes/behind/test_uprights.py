@@ -52,7 +52,7 @@ def make_look(holds):
     eye = np.array([-4.0, 0.0, 1.8])
     camera = Camera(200.0, 200.0, 200.0, 120.0, 400, 240, look_at(eye, np.array([3.4, 0.0, 0.6])))
     silhouette = np.full((240, 400), holds)
-    return Look(camera, 0.0, silhouette, silhouette, 4.0, CAR_CENTER)
+    return Look(camera, 0.0, silhouette, silhouette, 4.0, CAR_CENTER, np.zeros_like(silhouette))
 
 
 def find_feet(scene, holds=True):
