@@ -15,7 +15,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import Part, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.edits.holes.photo_sights import OWN_SHARE, PhotographedSplats, PhotoSight
-from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera
+from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera, is_apart
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_weights
 from instdrive_core.scene.camera import Camera, CameraView, PhotoLag
@@ -280,13 +280,25 @@ def _sort_by_time(views: Sequence[tuple[CameraView, Camera]]) -> list[tuple[Came
 
 
 def _choose_views(views: Sequence[CameraView], thing: _Thing) -> list[tuple[CameraView, Camera]]:
-    """Views that show most of the thing, and the cameras of the parts of them that do."""
-    found = []
+    """Views that show most of the thing, and the cameras of the parts of them that do.
+
+    Of one that no photo shows as a whole, what was chosen before shows counts half with each view.
+    """
+    found: list[tuple[CameraView, Camera, float, Bool[ndarray, " k"]]] = []
     for view in views:
-        camera = _crop_camera(view.camera, thing.find_points(view.time, view.camera.lag))
+        points = thing.find_points(view.time, view.camera.lag)
+        camera = _crop_camera(view.camera, points)
         if camera is not None:
-            found.append((camera[1], view, camera[0]))
-    return choose_apart(found, MAX_LOOKS)
+            pixels, depths = view.camera.project(points)
+            found.append((view, *camera, view.camera.contains(pixels, depths, NEAREST)))
+    chosen: list[tuple[CameraView, Camera]] = []
+    weights = np.ones(len(found[0][3]) if found else 0)
+    while found and len(chosen) < MAX_LOOKS:
+        best = max(found, key=lambda each: each[2] * weights[each[3]].mean())
+        chosen.append(best[:2])
+        weights[best[3]] /= 2
+        found = [each for each in found if is_apart(each[0], best[0])]
+    return chosen
 
 
 def _choose_witnesses(

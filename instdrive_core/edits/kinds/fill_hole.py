@@ -25,7 +25,7 @@ from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
-from instdrive_core.edits.holes.behind.backdrop import plan_backdrop
+from instdrive_core.edits.holes.behind.backdrop import MAX_LOOKS, plan_backdrop
 from instdrive_core.edits.holes.behind.look_picture import Remains
 from instdrive_core.edits.holes.behind.uprights import continue_uprights
 from instdrive_core.edits.holes.cast_shadow import find_shaded_cells, lies_in_shade
@@ -222,7 +222,8 @@ class FillHole(AppendEdit):
         hiding = np.concatenate([np.zeros((0, 3)), *(each.points for each in beside)])
         remains = Remains(bake_document(document, rows=left), np.isin(left, evidence.seen), hiding)
         ground = plan.build_splats(document.scene.gaussians, document.transforms)
-        backdrop = plan_backdrop(remains, ground, self.plane, evidence.looks, rng)
+        looks = evidence.looks[:MAX_LOOKS] if self.cells else evidence.looks
+        backdrop = plan_backdrop(remains, ground, self.plane, looks, rng)
         return replace(plan, backdrop=backdrop.gaussians, backdrop_like=left[backdrop.like])
 
     def _gather_evidence(self, document: Document) -> PhotoEvidence | None:

@@ -26,6 +26,11 @@ def cut_camera(camera: Camera, pixels: Float64[ndarray, "k 2"], most_pixels: int
     return part.scale(min(1.0, float(np.sqrt(most_pixels / (part.width * part.height)))))
 
 
+def is_apart(view: CameraView, other: CameraView) -> bool:
+    """Whether two photos are of different cameras, or `APART` time steps from each other."""
+    return view.name != other.name or abs(view.index - other.index) >= APART
+
+
 def choose_apart(
     found: Iterable[tuple[float, CameraView, Camera]], most: int, taken: Sequence[CameraView] = ()
 ) -> list[tuple[CameraView, Camera]]:
@@ -40,7 +45,7 @@ def choose_apart(
     for _, view, camera in sorted(found, key=lambda each: -each[0]):
         if len(chosen) == most:
             break
-        if all(view.name != other.name or abs(view.index - other.index) >= APART for other in known):
+        if all(is_apart(view, other) for other in known):
             chosen.append((view, camera))
             known.append(view)
     return chosen

@@ -36,7 +36,7 @@ from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 
 Plane = tuple[float, float, float]
 MAX_LOOKS = 6
-"""Photos from which gaps are closed."""
+"""Photos from which gaps are closed around a hole in the ground."""
 MIN_GAP = 12
 """Pixels: fewer are left open."""
 SOLID_ALPHA = 0.7
@@ -72,12 +72,12 @@ class Backdrop:
 def plan_backdrop(
     remains: Remains, ground: Gaussians, plane: Plane, looks: tuple[Look, ...], rng: np.random.Generator
 ) -> Backdrop:
-    """Close what photos would show of the sky behind a thing that is gone, where `ground` is filled.
+    """Close what photos would show of the sky behind a thing that is gone, where `ground` is filled, look by look.
 
     `plane` is the ground's: its height at the world's origin (metres), and its slopes along x and y.
     """
     added: list[Gaussians] = []
-    for look in looks[:MAX_LOOKS] if len(remains.scene) else ():
+    for look in looks if len(remains.scene) else ():
         closed = _close_look(remains, [ground, *added], plane, look, rng)
         if closed is not None and len(closed):
             added.append(closed)
