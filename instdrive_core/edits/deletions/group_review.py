@@ -18,6 +18,7 @@ from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord
 from instdrive_core.edits.holes.standing_height import HIGHEST, measure_standing_height
 from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings, find_surroundings
 from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
+from instdrive_core.edits.queries.compact_objects import is_compact
 from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
 from instdrive_core.progress import report
 from instdrive_core.wording import phrase
@@ -26,6 +27,9 @@ MAX_GAP_SHARE = 0.02
 """Share of what a thing hid that may be open to the sky without a fill."""
 SCRAP_SHARE = 0.1
 """An instance with at most this share of a deleted one's splats is no thing that stands behind it."""
+
+UNSEEN_SHARE = 0.5
+"""Share of a single object's splats that no photo may have reached for it to be one, and no noise."""
 
 
 @dataclass(frozen=True)
@@ -75,20 +79,25 @@ def review_group(
 
     around, record = look_around(None), None if evidence is None else evidence.record
     if around is None:
-        wide, unfilled = _review_wide(document, members, evidence, time, leaving)
-        return GroupReview(residue, wide, record, unfilled)
+        return (
+            GroupReview(residue, (), record)
+            if evidence is None
+            else _review_wide(document, members, evidence, time, leaving, residue)
+        )
     ids, gone = tuple(part.instance_id for part in parts), {part.instance_id: part.rows for part in others}
 
     def find_beside(place: Float64[ndarray, "3"]) -> tuple[StandingObject, ...]:
         return find_deleted_neighbors(document, place, ids, gone)
 
     hole = _find_hole(around, residue, None if around.moves else evidence, ids, find_beside(around.place))
-    walled = evidence is not None and evidence.walled_share > MAX_GAP_SHARE
+    walled = evidence is not None and evidence.walled_share > MAX_GAP_SHARE and not around.moves
+    if hole is None and walled and evidence is not None:
+        hole = find_hole_behind(document, members, evidence.looks, time, leaving)
     holes = [] if hole is None or not (hole.area or (hole.behind and walled)) else [hole]
     if around.moves and evidence is not None:
         holes += _find_bare_holes(around, evidence, holes, look_around, find_beside)
-    lone = phrase("no ground found around it to fill from") if hole is None and _leaves_gap(evidence) else ""
-    return GroupReview(residue, tuple(holes), record, lone)
+    lone = phrase("no ground found around it to fill from") if hole is None and walled else ""
+    return GroupReview(residue if holes else _add_unseen(document, residue, evidence), tuple(holes), record, lone)
 
 
 def _find_bare_holes(
@@ -116,25 +125,23 @@ def _find_bare_holes(
 def _review_wide(
     document: Document,
     members: Members,
-    evidence: PhotoEvidence | None,
+    evidence: PhotoEvidence,
     time: float,
     leaving: Int64[ndarray, "_"],
-) -> tuple[tuple[Hole, ...], str]:
-    """The hole that something left which is no single object, or why nothing fills what it hid."""
-    if evidence is None or not _leaves_gap(evidence):
-        return (), ""
+    residue: Int64[ndarray, " r"],
+) -> GroupReview:
+    """Review what is no single object: a gap behind what stands low, or why nothing fills what it hid."""
     heights = [measure_standing_height(document, rows) for _, rows in members]
     if not any(heights):
-        return (), phrase("no photo shows what is below it")
-    if max(heights) > HIGHEST:
-        high = phrase(
-            "no photo shows what is behind it, and nothing higher than {most:g} m is filled behind", most=HIGHEST
-        )
-        return (), high
-    if evidence.walled_share <= MAX_GAP_SHARE:
-        return (), ""
-    hole = find_hole_behind(document, members, evidence.looks, time, leaving)
-    return ((), phrase("no ground found around it to fill from")) if hole is None else ((hole,), "")
+        below = phrase("no photo shows what is below it") if _leaves_gap(evidence) else ""
+        return GroupReview(residue, (), evidence.record, below)
+    if evidence.walled_share > MAX_GAP_SHARE and max(heights) <= HIGHEST:
+        hole = find_hole_behind(document, members, evidence.looks, time, leaving)
+        if hole is not None:
+            return GroupReview(residue, (hole,), evidence.record)
+    high = phrase("no photo shows what is behind it, and nothing higher than {most:g} m is filled behind", most=HIGHEST)
+    unfilled = high if _leaves_gap(evidence) and max(heights) > HIGHEST else ""
+    return GroupReview(_add_unseen(document, residue, evidence), (), evidence.record, unfilled)
 
 
 def join_rows(parts: Sequence[DeletedPart]) -> Int64[ndarray, " n"]:
@@ -153,6 +160,25 @@ def _find_hole(
         return find_hole(around, residue, beside=beside)
     behind = ids if _leaves_gap(evidence) else ()
     return find_hole(around, np.union1d(residue, evidence.lost), evidence.looks, behind, beside)
+
+
+def _add_unseen(
+    document: Document, residue: Int64[ndarray, " r"], evidence: PhotoEvidence | None
+) -> Int64[ndarray, " m"]:
+    """The residue, with what no photo reached past the thing: a fill would replace it, but there is none.
+
+    The far sides of single objects stay.
+    """
+    if evidence is None:
+        return residue
+    table, ids = document.scene.table, document.scene.instance_ids[evidence.unseen]
+    numbers, counts = np.unique(ids, return_counts=True)
+    sides = [
+        number
+        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)
+        if number in table and is_compact(table[number]) and count < UNSEEN_SHARE * table[number].count
+    ]
+    return np.union1d(residue, evidence.unseen[~np.isin(ids, sides)])
 
 
 def _leaves_gap(evidence: PhotoEvidence | None) -> bool:

@@ -91,6 +91,15 @@ def test_what_is_higher_than_can_be_continued_stays_open():
     assert report_deletion(document, (HEDGE,), 0.0).hole_text.endswith("nothing higher than 6 m is filled behind")
 
 
+def test_what_no_photo_reached_is_residue_where_nothing_fills():
+    document = hedged_street(wall_top=16.0, top=8.0)
+    document.apply(DeleteInstances((HEDGE,)))
+    residue = report_deletion(document, (HEDGE,), 0.0).residue
+    assert len(residue) > 1000
+    assert (document.scene.instance_ids[residue] == WALL).all()
+    assert document.scene.gaussians.means[residue, 2].max() < 10, "photos show the wall from 9.7 m on"
+
+
 def test_wide_things_are_reviewed_alone():
     document = hedged_street()
     assert group_neighbors(document, members(document, HEDGE, ROAD, WALL), 0.0) == [[0], [1], [2]]
