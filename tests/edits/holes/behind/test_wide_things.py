@@ -96,8 +96,9 @@ def test_what_no_photo_reached_is_residue_where_nothing_fills():
     document.apply(DeleteInstances((HEDGE,)))
     residue = report_deletion(document, (HEDGE,), 0.0).residue
     assert len(residue) > 1000
-    assert (document.scene.instance_ids[residue] == WALL).all()
-    assert document.scene.gaussians.means[residue, 2].max() < 10, "photos show the wall from 9.7 m on"
+    places = document.scene.gaussians.means[residue]
+    assert np.mean(places[:, 0] > 4.0) > 0.98, "photos show what is before the hedge"
+    assert places[:, 2].max() < 10, "photos show the wall from 9.7 m on"
 
 
 def test_wide_things_are_reviewed_alone():
