@@ -28,8 +28,8 @@ MAX_GAP_SHARE = 0.02
 SCRAP_SHARE = 0.1
 """An instance with at most this share of a deleted one's splats is no thing that stands behind it."""
 
-UNSEEN_SHARE = 0.5
-"""Share of a single object's splats that no photo may have reached for it to be one, and no noise."""
+HIDDEN_SHARE = 0.5
+"""Share of a single object's splats that may be hidden for it to be one, and no noise."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def review_group(
     if around.moves and evidence is not None:
         holes += _find_bare_holes(around, evidence, holes, look_around, find_beside)
     lone = phrase("no ground found around it to fill from") if hole is None and walled else ""
-    return GroupReview(residue if holes else _add_unseen(document, residue, evidence), tuple(holes), record, lone)
+    return GroupReview(residue if holes else _add_hidden(document, residue, evidence), tuple(holes), record, lone)
 
 
 def _find_bare_holes(
@@ -141,7 +141,7 @@ def _review_wide(
             return GroupReview(residue, (hole,), evidence.record)
     high = phrase("no photo shows what is behind it, and nothing higher than {most:g} m is filled behind", most=HIGHEST)
     unfilled = high if _leaves_gap(evidence) and max(heights) > HIGHEST else ""
-    return GroupReview(_add_unseen(document, residue, evidence), (), evidence.record, unfilled)
+    return GroupReview(_add_hidden(document, residue, evidence), (), evidence.record, unfilled)
 
 
 def join_rows(parts: Sequence[DeletedPart]) -> Int64[ndarray, " n"]:
@@ -162,23 +162,23 @@ def _find_hole(
     return find_hole(around, np.union1d(residue, evidence.lost), evidence.looks, behind, beside)
 
 
-def _add_unseen(
+def _add_hidden(
     document: Document, residue: Int64[ndarray, " r"], evidence: PhotoEvidence | None
 ) -> Int64[ndarray, " m"]:
-    """The residue, with what no photo reached past the thing: a fill would replace it, but there is none.
+    """The residue, with what the thing hid from all photos: a fill would replace it, but there is none.
 
     The far sides of single objects stay.
     """
     if evidence is None:
         return residue
-    table, ids = document.scene.table, document.scene.instance_ids[evidence.unseen]
+    table, ids = document.scene.table, document.scene.instance_ids[evidence.hidden]
     numbers, counts = np.unique(ids, return_counts=True)
     sides = [
         number
         for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)
-        if number in table and is_compact(table[number]) and count < UNSEEN_SHARE * table[number].count
+        if number in table and is_compact(table[number]) and count < HIDDEN_SHARE * table[number].count
     ]
-    return np.union1d(residue, evidence.unseen[~np.isin(ids, sides)])
+    return np.union1d(residue, evidence.hidden[~np.isin(ids, sides)])
 
 
 def _leaves_gap(evidence: PhotoEvidence | None) -> bool:

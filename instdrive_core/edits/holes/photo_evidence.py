@@ -37,6 +37,8 @@ REACHED_SHARE = 0.5
 """Share of what a photo would show of a splat without the thing that it must show with the thing …"""
 MIN_REACHING = 2
 """… in so many looks for the splat to have been seen. One is enough for it to stay …"""
+HIDDEN_SHARE = 0.1
+"""Share of it that photos may show of a splat that is hidden."""
 CLOSE = 0.5
 """… so many metres from the thing, where nothing of the thing itself can be."""
 MIN_COVER = 0.7
@@ -87,6 +89,8 @@ class PhotoEvidence:
     photos than these show what is around its way."""
     seen: Int64[ndarray, " s"]
     """Rows, rising, that would show there, and that photos reached past the thing."""
+    hidden: Int64[ndarray, " h"]
+    """Those of the unseen of which photos show hardly anything: not even at the rim of the thing."""
     explained: Int64[ndarray, " e"]
     """Rows, rising, that photos show only within the silhouette of the thing."""
     record: PhotoRecord
@@ -153,15 +157,15 @@ def gather_photo_evidence(
     thing = _Thing(photographed, rows)
     if thing.moves:  # these photos are few of those that show what is around its way
         unseen[:] = explained[:] = False
+    hidden = unseen & (tally.beside < HIDDEN_SHARE * tally.uncovered)
     places = [place for place in range(record.look_count) if record.sights[place].silhouette.any()]
     looks = [_open_look(thing, record.sights[place], behind[place], unseen | explained) for place in places]
     sizes = [int(look.silhouette.sum()) for look in looks]
     looks = tuple(looks[place] for place in np.argsort(sizes, kind="stable")[::-1].tolist())
     if not looks:
         return None
-    return PhotoEvidence(
-        looks, np.flatnonzero(unseen), np.flatnonzero(uncovered & reached), np.flatnonzero(explained), record
-    )
+    rows_of = [np.flatnonzero(mask) for mask in (unseen, uncovered & reached, hidden, explained)]
+    return PhotoEvidence(looks, *rows_of, record)
 
 
 def _fingerprint_photos(document: Document, rows: Int64[ndarray, " k"], left: Int64[ndarray, " m"]) -> bytes:
