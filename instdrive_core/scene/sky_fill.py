@@ -25,9 +25,9 @@ SPREADS = ((16.0, 64.0), (8.0, 32.0), (4.0, 12.0), (2.0, 5.0), (1.0, 1.5))
 """Standard deviations of the spreading in cells, upwards and around; finer ones count where they find colours."""
 LOWEST_SOURCE = -0.1
 """Sine of the elevation below which a texel is no sky to copy: a photo saw it through a hole in the road."""
-GROUND_BEGINS, GROUND_WHOLE = np.radians(1.0), np.radians(6.0)
+GROUND_BEGINS, GROUND_WHOLE = np.radians(0.5), np.radians(1.5)
 """Below the horizon: at the first the ground's colour begins, beyond the second it is whole. From the roof of a car the
-ground lies 90 and 15 m away there; on what is farther, haze does no harm."""
+ground lies 230 and 75 m away there: farther off, there is haze."""
 _LITTLE = 1e-3
 
 
