@@ -164,8 +164,14 @@ def gather_photo_evidence(
     looks = tuple(looks[place] for place in np.argsort(sizes, kind="stable")[::-1].tolist())
     if not looks:
         return None
-    rows_of = [np.flatnonzero(mask) for mask in (unseen, uncovered & reached, hidden, explained)]
-    return PhotoEvidence(looks, *rows_of, record)
+    return PhotoEvidence(
+        looks,
+        unseen=np.flatnonzero(unseen),
+        seen=np.flatnonzero(uncovered & reached),
+        hidden=np.flatnonzero(hidden),
+        explained=np.flatnonzero(explained),
+        record=record,
+    )
 
 
 def _fingerprint_photos(document: Document, rows: Int64[ndarray, " k"], left: Int64[ndarray, " m"]) -> bytes:
