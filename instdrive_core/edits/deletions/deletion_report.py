@@ -68,11 +68,6 @@ class DeletionReport:
         return tuple(each.hole for each in self.clearings if each.hole.area)
 
     @property
-    def gaps(self) -> tuple[Hole, ...]:
-        """Holes in what stands behind, without any in the ground."""
-        return tuple(each.hole for each in self.clearings if not each.hole.area)
-
-    @property
     def hole_area(self) -> float:
         """Square metres."""
         return sum(hole.area for hole in self.holes)
@@ -91,7 +86,7 @@ class DeletionReport:
     def hole_text(self) -> str:
         """``hole of 3.1 m²`` or ``4 holes of 12.2 m²``, and how much of that was in the shadow; ``a gap behind it``."""
         count, area, dark = len(self.holes), self.fill_area, self.shadow_area
-        if not count and self.gaps:
+        if not count and self.clearings:
             return phrase("a gap behind it")
         if not count:
             return self.unfilled or phrase("no hole")

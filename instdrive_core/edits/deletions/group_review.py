@@ -27,9 +27,8 @@ MAX_GAP_SHARE = 0.02
 """Share of what a thing hid that may be open to the sky without a fill."""
 SCRAP_SHARE = 0.1
 """An instance with at most this share of a deleted one's splats is no thing that stands behind it."""
-
-HIDDEN_SHARE = 0.5
-"""Share of a single object's splats that may be hidden for it to be one, and no noise."""
+SIDE_SHARE = 0.5
+"""Share of a single object's splats from which they are more than its far side: it is noise as a whole."""
 
 
 @dataclass(frozen=True)
@@ -79,19 +78,17 @@ def review_group(
 
     around, record = look_around(None), None if evidence is None else evidence.record
     if around is None:
-        return (
-            GroupReview(residue, (), record)
-            if evidence is None
-            else _review_wide(document, members, evidence, time, leaving, residue)
-        )
+        if evidence is None:
+            return GroupReview(residue, (), None)
+        return _review_wide(document, members, evidence, time, leaving, residue)
     ids, gone = tuple(part.instance_id for part in parts), {part.instance_id: part.rows for part in others}
 
     def find_beside(place: Float64[ndarray, "3"]) -> tuple[StandingObject, ...]:
         return find_deleted_neighbors(document, place, ids, gone)
 
     hole = _find_hole(around, residue, None if around.moves else evidence, ids, find_beside(around.place))
-    walled = evidence is not None and evidence.walled_share > MAX_GAP_SHARE and not around.moves
-    if hole is None and walled and evidence is not None:
+    walled = _is_walled(evidence)
+    if hole is None and walled and evidence is not None and not around.moves:
         hole = find_hole_behind(document, members, evidence.looks, time, leaving)
     holes = [] if hole is None or not (hole.area or (hole.behind and walled)) else [hole]
     if around.moves and evidence is not None:
@@ -135,7 +132,7 @@ def _review_wide(
     if not any(heights):
         below = phrase("no photo shows what is below it") if _leaves_gap(evidence) else ""
         return GroupReview(residue, (), evidence.record, below)
-    if evidence.walled_share > MAX_GAP_SHARE and max(heights) <= HIGHEST:
+    if _is_walled(evidence) and max(heights) <= HIGHEST:
         hole = find_hole_behind(document, members, evidence.looks, time, leaving)
         if hole is not None:
             return GroupReview(residue, (hole,), evidence.record)
@@ -176,13 +173,17 @@ def _add_hidden(
     sides = [
         number
         for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)
-        if number in table and is_compact(table[number]) and count < HIDDEN_SHARE * table[number].count
+        if number in table and is_compact(table[number]) and count < SIDE_SHARE * table[number].count
     ]
     return np.union1d(residue, evidence.hidden[~np.isin(ids, sides)])
 
 
 def _leaves_gap(evidence: PhotoEvidence | None) -> bool:
     return evidence is not None and evidence.gap_share > MAX_GAP_SHARE
+
+
+def _is_walled(evidence: PhotoEvidence | None) -> bool:
+    return evidence is not None and evidence.walled_share > MAX_GAP_SHARE
 
 
 def _find_residue(

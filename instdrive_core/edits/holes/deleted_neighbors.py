@@ -56,11 +56,11 @@ def group_neighbors(document: Document, things: Members, time: float) -> list[li
     ]
     groups = [sorted(each.thing for each in group) for group in _join_close(document, still, time)] + moving
     others = [place for place, each in enumerate(found) if each is None]
-    wide = [[place] for place in others if measure_standing_height(document, things[place][1])]
-    rest = [place for place in others if [place] not in wide]
+    upright = [place for place in others if measure_standing_height(document, things[place][1])]
+    rest = [place for place in others if place not in upright]
     if rest and len(groups) == 1:
         groups, rest = [sorted(groups[0] + rest)], []
-    return sorted(groups + wide + ([rest] if rest else []))
+    return sorted(groups + [[place] for place in upright] + ([rest] if rest else []))
 
 
 def _make_footprint(thing: int, standing: StandingObject) -> _Footprint:

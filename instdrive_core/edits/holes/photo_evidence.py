@@ -15,7 +15,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.fingerprint import Part, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.edits.holes.photo_sights import OWN_SHARE, PhotographedSplats, PhotoSight
-from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera, is_apart
+from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, choose_covering, cut_camera
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_weights
 from instdrive_core.scene.camera import Camera, CameraView, PhotoLag
@@ -37,10 +37,10 @@ REACHED_SHARE = 0.5
 """Share of what a photo would show of a splat without the thing that it must show with the thing …"""
 MIN_REACHING = 2
 """… in so many looks for the splat to have been seen. One is enough for it to stay …"""
-HIDDEN_SHARE = 0.1
-"""Share of it that photos may show of a splat that is hidden."""
 CLOSE = 0.5
 """… so many metres from the thing, where nothing of the thing itself can be."""
+HIDDEN_SHARE = 0.1
+"""Pixels in which photos show a splat that is hidden, at most, for each that it would fill without the thing."""
 MIN_COVER = 0.7
 """Share of light that what stands behind the thing must stop."""
 EXPLAINED_SHARE = 0.6
@@ -290,25 +290,15 @@ def _sort_by_time(views: Sequence[tuple[CameraView, Camera]]) -> list[tuple[Came
 
 
 def _choose_views(views: Sequence[CameraView], thing: _Thing) -> list[tuple[CameraView, Camera]]:
-    """Views that show most of the thing, and the cameras of the parts of them that do.
-
-    Of one that no photo shows as a whole, what was chosen before shows counts half with each view.
-    """
-    found: list[tuple[CameraView, Camera, float, Bool[ndarray, " k"]]] = []
+    """Views that show most of the thing, all its parts together, and the cameras of the parts of them that do."""
+    found: list[tuple[float, CameraView, Camera, Bool[ndarray, " k"]]] = []
     for view in views:
         points = thing.find_points(view.time, view.camera.lag)
-        camera = _crop_camera(view.camera, points)
-        if camera is not None:
-            pixels, depths = view.camera.project(points)
-            found.append((view, *camera, view.camera.contains(pixels, depths, NEAREST)))
-    chosen: list[tuple[CameraView, Camera]] = []
-    weights = np.ones(len(found[0][3]) if found else 0)
-    while found and len(chosen) < MAX_LOOKS:
-        best = max(found, key=lambda each: each[2] * weights[each[3]].mean())
-        chosen.append(best[:2])
-        weights[best[3]] /= 2
-        found = [each for each in found if is_apart(each[0], best[0])]
-    return chosen
+        part = _crop_camera(view.camera, points)
+        if part is not None:
+            camera, span = part
+            found.append((span, view, camera, view.camera.contains(*view.camera.project(points), NEAREST)))
+    return choose_covering(found, MAX_LOOKS)
 
 
 def _choose_witnesses(

@@ -16,10 +16,12 @@ behind the longest single object: what a house hid nobody can tell from what sta
 CELL = 1.0
 """Metres per side of the cells in the plane in which heights are measured."""
 LEAST_IN_CELL, LEAST_SPLATS = 5, 20
+"""Solid splats that a cell needs to be measured, and a thing."""
 FLAT = 0.12
 """Metres between the middle and the top of what is in most cells up to which something lies on the ground, or is the
 ground: what trained below its surface, where nobody looks, is spread over metres."""
 MAX_SLOPE = 0.2
+"""Metres per metre by which the ground below may rise: more is the shape of the thing."""
 _TRIM = 0.02
 
 

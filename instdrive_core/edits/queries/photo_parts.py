@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from numpy import ndarray
 
 from instdrive_core.scene.camera import Camera, CameraView
@@ -26,11 +26,6 @@ def cut_camera(camera: Camera, pixels: Float64[ndarray, "k 2"], most_pixels: int
     return part.scale(min(1.0, float(np.sqrt(most_pixels / (part.width * part.height)))))
 
 
-def is_apart(view: CameraView, other: CameraView) -> bool:
-    """Whether two photos are of different cameras, or `APART` time steps from each other."""
-    return view.name != other.name or abs(view.index - other.index) >= APART
-
-
 def choose_apart(
     found: Iterable[tuple[float, CameraView, Camera]], most: int, taken: Sequence[CameraView] = ()
 ) -> list[tuple[CameraView, Camera]]:
@@ -45,7 +40,33 @@ def choose_apart(
     for _, view, camera in sorted(found, key=lambda each: -each[0]):
         if len(chosen) == most:
             break
-        if all(is_apart(view, other) for other in known):
+        if all(_is_apart(view, other) for other in known):
             chosen.append((view, camera))
             known.append(view)
     return chosen
+
+
+def choose_covering(
+    found: Sequence[tuple[float, CameraView, Camera, Bool[ndarray, " k"]]], most: int
+) -> list[tuple[CameraView, Camera]]:
+    """Choose up to `most` photos as `choose_apart` does, but so that together they show all parts of something.
+
+    A part counts half as much with each photo chosen before that shows it.
+
+    Args:
+        found: how much each photo shows, the photo, the camera of the part that does, and which of k points it shows,
+            at least one.
+    """
+    chosen: list[tuple[CameraView, Camera]] = []
+    left, weights = list(found), np.ones(len(found[0][3]) if found else 0)
+    while left and len(chosen) < most:
+        _, view, camera, shown = max(left, key=lambda each: each[0] * weights[each[3]].mean())
+        chosen.append((view, camera))
+        weights[shown] /= 2
+        left = [each for each in left if _is_apart(each[1], view)]
+    return chosen
+
+
+def _is_apart(view: CameraView, other: CameraView) -> bool:
+    """Whether two photos are of different cameras, or `APART` time steps from each other."""
+    return view.name != other.name or abs(view.index - other.index) >= APART
