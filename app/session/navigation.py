@@ -14,7 +14,7 @@ from numpy import ndarray
 from instdrive_app import camera
 from instdrive_app.framing import frame_core, frame_scene, frame_thing
 from instdrive_app.session.context import SessionContext
-from instdrive_app.sights import Sight, find_sights
+from instdrive_app.sights import Sight, find_overview, find_sights
 from instdrive_app.state import Viewpoint
 from instdrive_app.timeline import Timeline
 from instdrive_core.edits.document.document import Document
@@ -216,7 +216,7 @@ class Navigation:
         self.look_through(self.timeline.find_nearest_view(name, self._state.time))
 
     def frame(self, ids: tuple[int, ...]) -> None:
-        """Bring instances, or the dense part of everything that is shown, into view."""
+        """Bring instances into view; without any, what is shown, from the place of a photo if there is one."""
         if self._context.document is None:
             return
         if ids:
@@ -227,7 +227,21 @@ class Navigation:
             return
         means = self._find_framed_means()
         if len(means):
-            self.look_from(frame_core(self._state.viewpoint, means))
+            self.look_from(self._find_overview(means))
+
+    def _find_overview(self, means: Float[ndarray, "n 3"]) -> Viewpoint:
+        """Look at all that is shown as a photo of this time did; at its dense part where no photo was taken in it."""
+        document, viewpoint = self._context.document, self._state.viewpoint
+        assert document is not None
+        views = document.scene.views
+        if document.scene.actors:  # where the rig was at another time, something may drive now
+            names = dict.fromkeys(view.name for view in views)
+            views = [views[self.timeline.find_nearest_view(name, self._state.time)] for name in names]
+        found = find_overview(views, means, viewpoint.forward)
+        if found is not None:
+            return found
+        sights = self._find_sights((), np.mean(camera.find_main_box(means), axis=0))
+        return self._frame_points(viewpoint, means, sights) if sights else frame_core(viewpoint, means)
 
     def bring_into_view(self, ids: tuple[int, ...]) -> None:
         """Frame instances that are out of view, or nearly so; where they are in view already the camera stays."""

@@ -8,7 +8,7 @@ from procedural_street import driving_track
 
 from instdrive_app.camera import dolly, find_main_box, look
 from instdrive_app.framing import MOST_ZOOM, frame_thing
-from instdrive_app.sights import find_sights
+from instdrive_app.sights import find_overview, find_sights
 from instdrive_app.state import make_default_viewpoint
 from instdrive_core.scene.camera import Camera, CameraView, look_at
 
@@ -81,3 +81,37 @@ def test_going_back_undoes_the_zoom_first_and_turning_is_finer():
     plain = replace(start, zoom=1.0)
     turned = [np.arccos(np.clip(look(each, 0.1, 0.0).forward @ each.forward, -1, 1)) for each in (start, plain)]
     assert turned[0] == pytest.approx(turned[1] / 2, rel=1e-3)
+
+
+def _rig_in_a_street(seed=5):
+    """Points of two facades and a road, 60 m long, and photos of a car on it: ahead, backwards and to the left."""
+    rng = np.random.default_rng(seed)
+    along = rng.uniform(0, 60, 3000)
+    sides = rng.choice([-8.0, 8.0], 3000)
+    street = np.concatenate(
+        [np.c_[along, sides, rng.uniform(0, 10, 3000)], np.c_[along, rng.uniform(-8, 8, 3000), np.zeros(3000)]]
+    )
+    ways = {"front": [1.0, 0, 0], "back": [-1.0, 0, 0], "left": [0, 1.0, 0]}
+    views = []
+    for step, x in enumerate((10.0, 30.0, 50.0)):
+        for name, way in ways.items():
+            place = np.array([x, 0.0, 1.6])
+            camera = Camera(400.0, 400.0, 320.0, 180.0, 640, 360, look_at(place, place + way))
+            views.append(CameraView(camera, name, step, 0.1 * step))
+    return street, views
+
+
+@pytest.mark.parametrize(("forward", "place", "way"), [([1.0, 0, 0], 10.0, 1.0), ([-1.0, 0, 0], 50.0, -1.0)])
+def test_a_street_is_shown_as_the_photo_that_shows_most_in_about_that_direction(forward, place, way):
+    street, views = _rig_in_a_street()
+    found = find_overview(views, street, np.array(forward))
+    np.testing.assert_allclose(found.position, [place, 0, 1.6])
+    np.testing.assert_allclose(found.forward, [way, 0, 0], atol=1e-9)
+    assert 5 < found.pivot_distance < 50
+
+
+def test_what_the_photos_were_not_taken_in_has_no_overview():
+    _, views = _rig_in_a_street()
+    car = np.random.default_rng(6).uniform(-1, 1, (100, 3)) + np.array([40.0, 4.0, 1.0])
+    assert find_overview(views, car, np.array([1.0, 0, 0])) is None
+    assert find_overview((), car, np.array([1.0, 0, 0])) is None

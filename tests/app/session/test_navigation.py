@@ -95,3 +95,13 @@ def test_a_place_of_the_map_is_looked_at_from_a_photo_that_shows_it(session):
     session.navigation.go_to_place(0.5, 14.0)
     np.testing.assert_allclose(find_looked_at(), (0.5, 14.0), atol=0.5)
     assert session.state.viewpoint.zoom == 1.0
+
+
+def test_everything_is_shown_from_where_the_rig_was_at_the_shown_time(session):
+    session.navigation.look_down(())
+    session.navigation.set_time(1.0)
+    session.navigation.frame(())
+    views = [view for view in session.document.scene.views if view.time == 1.0]
+    place = session.state.viewpoint.position
+    assert min(np.linalg.norm(place - view.camera.position) for view in views) < 1e-9
+    assert session.state.dataset_view is None
