@@ -15,7 +15,7 @@ from instdrive_core.edits.holes.behind.wide_things import find_hole_behind
 from instdrive_core.edits.holes.deleted_neighbors import Members, find_deleted_neighbors
 from instdrive_core.edits.holes.holes import Hole, build_ground_grid, find_hole
 from instdrive_core.edits.holes.photo_evidence import PhotoEvidence, PhotoRecord, gather_photo_evidence
-from instdrive_core.edits.holes.standing_height import HIGHEST, measure_standing_height
+from instdrive_core.edits.holes.standing_height import HIGHEST, hides_too_much, measure_standing_height
 from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings, find_surroundings
 from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
 from instdrive_core.edits.queries.compact_objects import is_compact
@@ -87,6 +87,9 @@ def review_group(
         return find_deleted_neighbors(document, place, ids, gone)
 
     hole = _find_hole(around, residue, None if around.moves else evidence, ids, find_beside(around.place))
+    if any(hides_too_much(document, rows) for _, rows in members):
+        grounds = () if hole is None or not hole.area else (replace(hole, behind=()),)
+        return GroupReview(_add_hidden(document, residue, evidence), grounds, record, _name_limit(evidence))
     walled = _is_walled(evidence)
     if hole is None and walled and evidence is not None and not around.moves:
         hole = find_hole_behind(document, members, evidence.looks, time, leaving)
@@ -136,8 +139,7 @@ def _review_wide(
         hole = find_hole_behind(document, members, evidence.looks, time, leaving)
         if hole is not None:
             return GroupReview(residue, (hole,), evidence.record)
-    high = phrase("no photo shows what is behind it, and nothing higher than {most:g} m is filled behind", most=HIGHEST)
-    unfilled = high if _leaves_gap(evidence) and max(heights) > HIGHEST else ""
+    unfilled = _name_limit(evidence) if max(heights) > HIGHEST else ""
     return GroupReview(_add_hidden(document, residue, evidence), (), evidence.record, unfilled)
 
 
@@ -176,6 +178,13 @@ def _add_hidden(
         if number in table and is_compact(table[number]) and count < SIDE_SHARE * table[number].count
     ]
     return np.union1d(residue, evidence.hidden[~np.isin(ids, sides)])
+
+
+def _name_limit(evidence: PhotoEvidence | None) -> str:
+    """Why nothing fills what something high hid; empty where the photos show nearly all of it."""
+    if not _leaves_gap(evidence):
+        return ""
+    return phrase("no photo shows what is behind it, and nothing higher than {most:g} m is filled behind", most=HIGHEST)
 
 
 def _leaves_gap(evidence: PhotoEvidence | None) -> bool:

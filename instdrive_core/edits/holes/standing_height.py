@@ -17,6 +17,8 @@ CELL = 1.0
 """Metres per side of the cells in the plane in which heights are measured."""
 LEAST_IN_CELL, LEAST_SPLATS = 5, 20
 """Solid splats that a cell needs to be measured, and a thing."""
+FOOT_HEIGHT = 2.0
+"""Metres from the bottom up in which it is measured how wide something stands on the ground."""
 FLAT = 0.12
 """Metres between the middle and the top of what is in most cells up to which something lies on the ground, or is the
 ground: what trained below its surface, where nobody looks, is spread over metres."""
@@ -41,6 +43,20 @@ def measure_height(points: Float64[ndarray, "n 3"]) -> float:
 def measure_standing_height(document: Document, rows: Int64[ndarray, " n"]) -> float:
     """Measure the height of what rows of the background make up, as `measure_height` does."""
     return measure_height(select_solid_points(document, rows[document.scene.nodes[rows] == 0]))
+
+
+def hides_too_much(document: Document, rows: Int64[ndarray, " n"]) -> bool:
+    """Whether a single object is higher than `HIGHEST` and stands on the ground over more than that, as a house does.
+
+    What a crown hid goes on beside its trunk, where photos show it, and what a pole hid on both sides.
+    """
+    points = select_solid_points(document, rows[document.scene.nodes[rows] == 0])
+    if measure_height(points) <= HIGHEST:
+        return False
+    foot = points[points[:, 2] < np.quantile(points[:, 2], _TRIM) + FOOT_HEIGHT, :2]
+    middle = foot - foot.mean(axis=0)
+    longest = np.linalg.svd(middle, full_matrices=False)[2][0]
+    return float(np.ptp(np.quantile(middle @ longest, (_TRIM, 1 - _TRIM)))) > HIGHEST
 
 
 def _measure_usual_span(points: Float64[ndarray, "n 3"]) -> float:

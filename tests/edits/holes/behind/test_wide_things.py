@@ -8,7 +8,7 @@ from instdrive_core.edits.deletions.deletion_report import report_deletion
 from instdrive_core.edits.deletions.prepared_fill import prepare_fills
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.deleted_neighbors import group_neighbors
-from instdrive_core.edits.holes.standing_height import measure_height
+from instdrive_core.edits.holes.standing_height import hides_too_much, measure_height
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.errors import EditError
 from instdrive_core.maths.spherical_harmonics import color_from_dc
@@ -27,14 +27,17 @@ def level_views():
     return tuple(CameraView(camera, "right_camera", index, 0.2 * index) for index, camera in enumerate(cameras))
 
 
-def hedged_street(wall_top=6.0, top=TOP):
-    """The street without cars, with a hedge along the pavement; what the hedge hides of it and of a wall is missing."""
+def hedged_street(wall_top=6.0, top=TOP, half=12.0):
+    """The street without cars, with a hedge along the pavement; what the hedge hides of it and of a wall is missing.
+
+    The hedge goes `half` metres to both sides.
+    """
     rng = np.random.default_rng(2)
     empty = parked_street().empty
     kept = np.isin(empty.instance_ids, (ROAD, PAVEMENT)) & (empty.gaussians.means[:, 0] < 4.6)
     ground, ground_ids = empty.gaussians.means[kept].astype(np.float64), empty.instance_ids[kept]
     wall = np.stack(np.meshgrid([6.0], np.arange(-12, 12, 0.12), np.arange(1.0, wall_top, 0.12)), -1).reshape(-1, 3)
-    hedge = rng.uniform([4.2, -12, KERB], [4.6, 12, KERB + top], (round(4000 * top), 3))
+    hedge = rng.uniform([4.2, -half, KERB], [4.6, half, KERB + top], (round(4000 * top), 3))
     hedge[:, 2] += 0.02 * hedge[:, 1]
     colors = [
         color_from_dc(empty.gaussians.sh_dc[kept]),
@@ -89,6 +92,25 @@ def test_what_is_higher_than_can_be_continued_stays_open():
     document = hedged_street(wall_top=16.0, top=8.0)
     document.apply(DeleteInstances((HEDGE,)))
     assert report_deletion(document, (HEDGE,), 0.0).hole_text.endswith("nothing higher than 6 m is filled behind")
+
+
+def test_a_single_thing_as_large_as_a_house_is_not_filled_behind():
+    document = hedged_street(wall_top=16.0, top=8.0, half=4.5)
+    document.apply(DeleteInstances((HEDGE,)))
+    report = report_deletion(document, (HEDGE,), 0.0)
+    assert report.hole_text.endswith("nothing higher than 6 m is filled behind")
+    assert not any(hole.behind for hole in report.holes)
+    assert len(report.residue) > 500, "what the photos never showed is no wall"
+
+
+@pytest.mark.parametrize(("foot", "is_house"), [(8.0, True), (0.4, False)])
+def test_a_crown_on_a_trunk_is_no_house(foot, is_house):
+    rng = np.random.default_rng(0)
+    low = rng.uniform([-foot / 2, 0, 0], [foot / 2, 0.4, 3], (800, 3))
+    means = np.concatenate([low, rng.uniform([-4, -1, 3], [4, 1, 8], (2000, 3))])
+    ids = np.full(len(means), HEDGE)
+    document = Document(scene_of(rng, means, ids, np.tile(GREEN, (len(means), 1)), level_views()))
+    assert hides_too_much(document, document.find_rows((HEDGE,))) == is_house
 
 
 def test_what_no_photo_reached_is_residue_where_nothing_fills():
