@@ -73,6 +73,9 @@ def test_keys_walk_through_the_list_in_the_window(window):
     left, top, _, _ = window.wait_for_rect("picture")
     window.click(left + 300, top + 60)
     window.wait_for_selection()
+    assert window.state["cameras"]["looked_through"] is not None, "the scene opens as its first photo"
     window.tap("Home")
-    window.wait_for(lambda state: state["camera"] != camera, "Home to frame everything after a click into the view")
+    window.wait_for(
+        lambda state: state["cameras"]["looked_through"] is None, "Home to frame everything after a click into the view"
+    )
     assert window.quit() == 0
