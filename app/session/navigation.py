@@ -235,8 +235,8 @@ class Navigation:
         assert document is not None
         views = document.scene.views
         if document.scene.actors:  # where the rig was at another time, something may drive now
-            names = dict.fromkeys(view.name for view in views)
-            views = [views[self.timeline.find_nearest_view(name, self._state.time)] for name in names]
+            nearest = self.timeline.find_nearest_view
+            views = [views[nearest(name, self._state.time)] for name in self.timeline.camera_names]
         found = find_overview(views, means, viewpoint.forward)
         if found is not None:
             return found

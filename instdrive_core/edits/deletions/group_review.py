@@ -86,9 +86,11 @@ def review_group(
     def find_beside(place: Float64[ndarray, "3"]) -> tuple[StandingObject, ...]:
         return find_deleted_neighbors(document, place, ids, gone)
 
-    hole = _find_hole(around, residue, None if around.moves else evidence, ids, find_beside(around.place))
-    if any(hides_too_much(document, rows) for _, rows in members):
-        grounds = () if hole is None or not hole.area else (replace(hole, behind=()),)
+    large = any(hides_too_much(document, rows) for _, rows in members)
+    behind = () if large else ids
+    hole = _find_hole(around, residue, None if around.moves else evidence, behind, find_beside(around.place))
+    if large:
+        grounds = () if hole is None or not hole.area else (hole,)
         return GroupReview(_add_hidden(document, residue, evidence), grounds, record, _name_limit(evidence))
     walled = _is_walled(evidence)
     if hole is None and walled and evidence is not None and not around.moves:

@@ -42,7 +42,7 @@ def measure_height(points: Float64[ndarray, "n 3"]) -> float:
 
 def measure_standing_height(document: Document, rows: Int64[ndarray, " n"]) -> float:
     """Measure the height of what rows of the background make up, as `measure_height` does."""
-    return measure_height(select_solid_points(document, rows[document.scene.nodes[rows] == 0]))
+    return measure_height(_select_standing(document, rows))
 
 
 def hides_too_much(document: Document, rows: Int64[ndarray, " n"]) -> bool:
@@ -50,13 +50,17 @@ def hides_too_much(document: Document, rows: Int64[ndarray, " n"]) -> bool:
 
     What a crown hid goes on beside its trunk, where photos show it, and what a pole hid on both sides.
     """
-    points = select_solid_points(document, rows[document.scene.nodes[rows] == 0])
+    points = _select_standing(document, rows)
     if measure_height(points) <= HIGHEST:
         return False
     foot = points[points[:, 2] < np.quantile(points[:, 2], _TRIM) + FOOT_HEIGHT, :2]
     middle = foot - foot.mean(axis=0)
     longest = np.linalg.svd(middle, full_matrices=False)[2][0]
     return float(np.ptp(np.quantile(middle @ longest, (_TRIM, 1 - _TRIM)))) > HIGHEST
+
+
+def _select_standing(document: Document, rows: Int64[ndarray, " n"]) -> Float64[ndarray, "k 3"]:
+    return select_solid_points(document, rows[document.scene.nodes[rows] == 0])
 
 
 def _measure_usual_span(points: Float64[ndarray, "n 3"]) -> float:
