@@ -15,16 +15,14 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
-from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import tyro
-from PIL import Image
 
+from benchmarks.deletions import delete_and_fill, save_comparison
 from benchmarks.hole_streets import (
     count_instance_pixels,
     find_parked_car,
@@ -33,16 +31,12 @@ from benchmarks.hole_streets import (
     train_street,
 )
 from benchmarks.phantom_cars import add_phantom, hide_phantoms, list_phantom_photos, place_phantoms
-from benchmarks.uncovered import Errors, Uncovered, draw_photo, measure_errors, summarize_errors
+from benchmarks.uncovered import Errors, Uncovered, measure_errors, summarize_errors
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.world.layout import build_street
-from instdrive_core.edits.deletions.deletion_report import report_deletion
-from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.queries.bake import bake_document
-from instdrive_core.errors import EditError, InstDriveError
+from instdrive_core.errors import InstDriveError
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.masks.annotated.truth import AnnotatedTruth
 from instdrive_core.scene.scene import Scene
@@ -146,29 +140,15 @@ def _measure_car(
     """Delete one car in a copy of the scene, clean up, and compare before and after."""
     if not photos:
         return
-    document = Document(deepcopy(scene))
-    document.apply(DeleteInstances((number,)))
-    gone = bake_document(document)
-    started = time.perf_counter()
-    report = report_deletion(document, (number,), photos[0].view.time)
-    for edit in (report.make_absorb_edit(), *report.make_fill_edits()):
-        try:
-            if edit is not None:
-                document.apply(edit)
-        except EditError as error:
-            result.refused.append(f"{name}: {error}")
-    result.seconds.append(time.perf_counter() - started)
-    filled = bake_document(document)
-    result.before.append(measure_errors(gone, photos))
-    result.after.append(measure_errors(filled, photos))
+    deletion = delete_and_fill(scene, number, photos[0].view.time)
+    result.refused += [f"{name}: {why}" for why in deletion.refused]
+    result.seconds.append(deletion.seconds)
+    result.before.append(measure_errors(deletion.gone, photos))
+    result.after.append(measure_errors(deletion.filled, photos))
     shown = {part: round(errors.psnr, 2) for part, errors in result.after[-1].items()}
-    print(name, f"hole {report.hole_area:.1f} m²", shown, file=sys.stderr, flush=True)
+    print(name, f"hole {deletion.report.hole_area:.1f} m²", shown, file=sys.stderr, flush=True)
     if pictures is not None:
-        pictures.mkdir(parents=True, exist_ok=True)
-        rows = [
-            np.hstack([photo.truth, *(draw_photo(each, photo.view) for each in (gone, filled))]) for photo in photos
-        ]
-        Image.fromarray((np.vstack(rows) * 255).round().astype(np.uint8)).save(pictures / f"{name}.png")
+        save_comparison(pictures / f"{name}.png", deletion, photos)
 
 
 if __name__ == "__main__":

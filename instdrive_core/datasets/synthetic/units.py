@@ -84,7 +84,7 @@ class StreetUnits:
         file = Path(clip_path) / CONFIG_FILE
         if not file.is_file():
             raise DataError(file, "is missing: the street cannot be built again to find its parts", _REMEDY)
-        config = _read_config(file)
+        config = read_street_config(file)
         if config.flaws.shutter_seconds > 0:
             problem = (
                 f"shutter_seconds is {config.flaws.shutter_seconds:g}: parts are only known of photos taken at once"
@@ -148,7 +148,11 @@ class StreetUnits:
         return casters
 
 
-def _read_config(file: Path) -> StreetConfig:
+def read_street_config(file: Path) -> StreetConfig:
+    """Read the config that a synthetic clip keeps of its street in `CONFIG_FILE`.
+
+    Raises DataError where it is no such config.
+    """
     entries = read_json(file)
     names = [field.name for field in fields(StreetConfig) if field.name != "traffic"]
     values: dict[str, Any] = {name: require_field(file, entries, name) for name in names}
