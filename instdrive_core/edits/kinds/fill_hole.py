@@ -27,6 +27,7 @@ from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.document.synthetic_rows import SYNTHETIC
 from instdrive_core.edits.holes.behind.backdrop import MAX_LOOKS, plan_backdrop
 from instdrive_core.edits.holes.behind.look_picture import Remains
+from instdrive_core.edits.holes.behind.seen_through import PhotoDepths
 from instdrive_core.edits.holes.behind.uprights import continue_uprights
 from instdrive_core.edits.holes.cast_shadow import find_shaded_cells, lies_in_shade
 from instdrive_core.edits.holes.deleted_neighbors import pick_unfilled
@@ -223,7 +224,7 @@ class FillHole(AppendEdit):
         remains = Remains(bake_document(document, rows=left), np.isin(left, evidence.seen), hiding)
         ground = plan.build_splats(document.scene.gaussians, document.transforms)
         looks = evidence.looks[:MAX_LOOKS] if self.cells else evidence.looks
-        backdrop = plan_backdrop(remains, ground, self.plane, looks, rng)
+        backdrop = plan_backdrop(remains, ground, self.plane, looks, rng, PhotoDepths(document))
         return replace(plan, backdrop=backdrop.gaussians, backdrop_like=left[backdrop.like])
 
     def _gather_evidence(self, document: Document) -> PhotoEvidence | None:

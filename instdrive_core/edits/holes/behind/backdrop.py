@@ -22,6 +22,8 @@ from instdrive_core.edits.holes.behind.look_picture import (
     fit_camera,
     shrink,
 )
+from instdrive_core.edits.holes.behind.open_pixels import find_open_pixels
+from instdrive_core.edits.holes.behind.seen_through import PhotoDepths
 from instdrive_core.edits.holes.behind.smooth_values import continue_smoothly
 from instdrive_core.edits.holes.ground_in_photo import GroundInPhoto, project_ground
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
@@ -70,7 +72,12 @@ class Backdrop:
 
 
 def plan_backdrop(
-    remains: Remains, ground: Gaussians, plane: Plane, looks: tuple[Look, ...], rng: np.random.Generator
+    remains: Remains,
+    ground: Gaussians,
+    plane: Plane,
+    looks: tuple[Look, ...],
+    rng: np.random.Generator,
+    depths: PhotoDepths,
 ) -> Backdrop:
     """Close what photos would show of the sky behind a thing that is gone, where `ground` is filled, look by look.
 
@@ -78,7 +85,7 @@ def plan_backdrop(
     """
     added: list[Gaussians] = []
     for look in looks if len(remains.scene) else ():
-        closed = _close_look(remains, [ground, *added], plane, look, rng)
+        closed = _close_look(remains, [ground, *added], plane, look, rng, depths)
         if closed is not None and len(closed):
             added.append(closed)
     whole = concatenate_gaussians(added) if added else ground.select(np.zeros(0, np.int64))
@@ -90,7 +97,12 @@ def plan_backdrop(
 
 
 def _close_look(
-    remains: Remains, fills: list[Gaussians], plane: Plane, look: Look, rng: np.random.Generator
+    remains: Remains,
+    fills: list[Gaussians],
+    plane: Plane,
+    look: Look,
+    rng: np.random.Generator,
+    depths: PhotoDepths,
 ) -> Gaussians | None:
     """Splats that close the gaps of one look; None where it has none."""
     picture = draw_look(remains, fills, fit_camera(look.camera), look.time)
@@ -116,6 +128,9 @@ def _close_look(
     gap &= ~before
     known &= (cover < SKY_ALPHA) | (cover >= CLOSED_COVER)  # mixtures stay, and are not copied
     found = _split_surfaces(ground, distance, anchored, level, gap)
+    part, near, inverse = found[0]
+    past, met = _count_votes(coarse, part, inverse, depths)
+    found[0] = part & ~find_open_pixels(part, known, cover < SKY_ALPHA, past, met), near, inverse
     added = [
         _copy_surface(fills[0], picture, _Surface(part, known & near, inverse, cover), rng)
         for part, near, inverse in found
@@ -136,6 +151,27 @@ def _find_gap(
     thin = open_ | (silhouette & (cover < CLOSED_COVER) & (shrink(picture.told) < TOLD_SHARE))
     gap = ndimage.binary_propagation(open_, mask=thin)
     return np.asarray(ndimage.binary_dilation(gap, iterations=GAP_RIM), bool)
+
+
+def _count_votes(
+    camera: Camera, part: Bool[ndarray, "a b"], inverse: Float64[ndarray, "a b"], depths: PhotoDepths
+) -> tuple[Int64[ndarray, "a b"], Int64[ndarray, "a b"]]:
+    """How many photos look through what would stand in pixels at these inverse depths, and how many see it."""
+    cells = np.argwhere(part & (inverse > 1e-3))
+    past, met = np.zeros(part.shape, np.int64), np.zeros(part.shape, np.int64)
+    past[tuple(cells.T)], met[tuple(cells.T)] = depths.count_votes(
+        _place_pixels(camera, cells, 1 / inverse[tuple(cells.T)])
+    )
+    return past, met
+
+
+def _place_pixels(
+    camera: Camera, pixels: Int64[ndarray, "k 2"], depths: Float64[ndarray, " k"]
+) -> Float64[ndarray, "k 3"]:
+    x = (pixels[:, 1] + 0.5 - camera.cx) / camera.fx * depths
+    y = (pixels[:, 0] + 0.5 - camera.cy) / camera.fy * depths
+    pose = camera.world_from_camera
+    return np.stack([x, y, depths], axis=1) @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _find_shapes(camera: Camera, points: Float64[ndarray, "k 3"]) -> Bool[ndarray, "a b"]:
@@ -221,10 +257,7 @@ def _lift(
     )
     stands = alpha[tuple(origins.T)] >= SKY_ALPHA
     pixels, origins, depths = pixels[stands], origins[stands], depths[stands]
-    x = (pixels[:, 1] + 0.5 - camera.cx) / camera.fx * depths
-    y = (pixels[:, 0] + 0.5 - camera.cy) / camera.fy * depths
-    pose, count = camera.world_from_camera, len(pixels)
-    means = np.stack([x, y, depths], axis=1) @ pose[:3, :3].T + pose[:3, 3]
+    means, count = _place_pixels(camera, pixels, depths), len(pixels)
     sizes = np.log(SPREAD * depths / camera.fx)
     return replace(
         like,

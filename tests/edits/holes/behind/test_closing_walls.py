@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from parked_street import WALL, scene_of
 
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.behind.backdrop import plan_backdrop
 from instdrive_core.edits.holes.behind.look_picture import Remains, draw_look
+from instdrive_core.edits.holes.behind.seen_through import PhotoDepths
 from instdrive_core.edits.holes.photo_evidence import Look
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
-from instdrive_core.scene.camera import Camera, look_at
+from instdrive_core.scene.camera import Camera, CameraView, look_at
 
 BRICK, BLUE = np.array([0.6, 0.4, 0.3]), np.array([0.1, 0.2, 0.9])
 EYE = np.array([-4.0, 0.0, 1.5])
@@ -20,13 +22,13 @@ PLANE = (-3.0, 0.0, 0.0)
 """Far below."""
 
 
-def make_wall(thin=0.0):
+def make_wall(thin=0.0, views=()):
     """A wall at x = 6 with a gap of two by two metres, around which half a metre is `thin`."""
     y, z = (each.ravel() for each in np.meshgrid(np.arange(-6, 6, 0.1), np.arange(-2, 6, 0.1)))
     stands = (np.abs(y) > 1) | (np.abs(z - 1.5) > 1)
     y, z = y[stands], z[stands]
     ids, colors = np.full(len(y), WALL), np.tile(BRICK, (len(y), 1))
-    scene = scene_of(np.random.default_rng(3), np.c_[np.full(len(y), 6.0), y, z], ids, colors, ())
+    scene = scene_of(np.random.default_rng(3), np.c_[np.full(len(y), 6.0), y, z], ids, colors, views)
     around = (np.abs(y) < 1.5) & (np.abs(z - 1.5) < 1.5)
     if thin:
         scene.gaussians.opacity_logits[around] = logit(np.full(around.sum(), thin, np.float32))
@@ -49,7 +51,8 @@ def close_wall(scene, seen, hiding=()):
     """The splats that are added, and the wall with them."""
     hiding = np.array(hiding, np.float64).reshape(-1, 3)
     remains = Remains(scene, seen, hiding)
-    added = plan_backdrop(remains, no_splats(scene), PLANE, (make_look(),), np.random.default_rng(1)).gaussians
+    rng, depths = np.random.default_rng(1), PhotoDepths(Document(scene))
+    added = plan_backdrop(remains, no_splats(scene), PLANE, (make_look(),), rng, depths).gaussians
     return added, draw_look(remains, [added], CAMERA, 0.0)
 
 
@@ -98,3 +101,11 @@ def test_what_shows_where_another_car_is_gone_is_not_continued(gone):
     colors = color_from_dc(added.sh_dc)
     assert len(colors) > 500
     assert (colors[:, 2] > colors[:, 0]).any() != gone
+
+
+def test_a_window_through_which_other_photos_see_the_sky_stays_open():
+    sides = [np.array([2.0, y, z]) for y in (-4.0, 4.0) for z in (1.5, 4.0)]
+    cameras = [replace(CAMERA, world_from_camera=look_at(eye, np.array([6.0, 0.0, 1.5]))) for eye in sides]
+    scene, _ = make_wall(views=tuple(CameraView(camera, f"side_{i}", 0, 0.0) for i, camera in enumerate(cameras)))
+    added, _ = close_wall(scene, np.ones(len(scene), bool))
+    assert not (np.abs(added.means[:, 1:] - [0, 1.5]).max(axis=1) < 0.7).any()
