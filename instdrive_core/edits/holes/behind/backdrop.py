@@ -25,6 +25,7 @@ from instdrive_core.edits.holes.behind.look_picture import (
 from instdrive_core.edits.holes.behind.open_pixels import find_open_pixels
 from instdrive_core.edits.holes.behind.seen_through import PhotoDepths
 from instdrive_core.edits.holes.behind.smooth_values import continue_smoothly
+from instdrive_core.edits.holes.behind.surface_splats import LEAST_INVERSE, lay_splats
 from instdrive_core.edits.holes.ground_in_photo import GroundInPhoto, project_ground
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
 from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
@@ -56,8 +57,6 @@ PIECE_REACH = 10
 """Coarse pixels around the silhouette from which pieces are taken: what stands farther off is something else."""
 FOREIGN_SHARE = 0.3
 """Share of a coarse pixel from which it shows another car."""
-SPREAD = 0.6
-"""Standard deviation of a splat in pixels."""
 OPACITY = 0.95
 PIECES = ExemplarConfig(windows=(7, 5, 3, 1), across_penalty=1e-4, along_penalty=5e-5, reuse_penalty=1e-3, variety=0.05)
 
@@ -157,7 +156,7 @@ def _count_votes(
     camera: Camera, part: Bool[ndarray, "a b"], inverse: Float64[ndarray, "a b"], depths: PhotoDepths
 ) -> tuple[Int64[ndarray, "a b"], Int64[ndarray, "a b"]]:
     """How many photos look through what would stand in pixels at these inverse depths, and how many see it."""
-    cells = np.argwhere(part & (inverse > 1e-3))
+    cells = np.argwhere(part & (inverse > LEAST_INVERSE))
     past, met = np.zeros(part.shape, np.int64), np.zeros(part.shape, np.int64)
     past[tuple(cells.T)], met[tuple(cells.T)] = depths.count_votes(
         _place_pixels(camera, cells, 1 / inverse[tuple(cells.T)])
@@ -230,40 +229,30 @@ def _copy_surface(
     blocks = np.ones((FACTOR, FACTOR), bool)
     anchors, open_pixels = np.kron(known & (surface.cover >= SKY_ALPHA), blocks), np.kron(gap, blocks)
     blended = blend_copies(picture.color.astype(np.float64), anchors, open_pixels, offsets)
-    return _lift(like, picture.camera, blended, picture.alpha, gap, sources, surface.inverse)
+    return _lift(like, picture.camera, blended, surface, sources)
 
 
 def _lift(
     like: Gaussians,
     camera: Camera,
     color: Float[ndarray, "h w 3"],
-    alpha: Float[ndarray, "h w"],
-    gap: Bool[ndarray, "a b"],
+    surface: _Surface,
     sources: Int64[ndarray, "a b 2"],
-    inverse: Float64[ndarray, "a b"],
 ) -> Gaussians:
-    """A splat for each fine pixel of the gap, of the colour of its source's, at the gap's depth."""
-    factor = FACTOR
-    cells = np.argwhere(gap & (inverse > 1e-3))
-    offsets = np.argwhere(np.ones((factor, factor), bool))
-    pixels = (factor * cells[:, None] + offsets).reshape(-1, 2)
-    origins = (factor * sources[tuple(cells.T)][:, None] + offsets).reshape(-1, 2)
-    # Interpolated, so that no steps of a coarse pixel show.
-    depths = 1 / np.maximum(
-        ndimage.map_coordinates(
-            np.where(gap | (inverse > 1e-3), inverse, 0), (pixels.T + 0.5) / factor - 0.5, order=1, mode="nearest"
-        ),
-        1e-3,
-    )
-    stands = alpha[tuple(origins.T)] >= SKY_ALPHA
-    pixels, origins, depths = pixels[stands], origins[stands], depths[stands]
-    means, count = _place_pixels(camera, pixels, depths), len(pixels)
-    sizes = np.log(SPREAD * depths / camera.fx)
+    """A splat for each fine pixel of the gap, of the colour of its source's, at the gap's depth; none for the sky."""
+    inverse, gap = surface.inverse, surface.gap
+    # A source is sky as a whole: a leaf in it would be copied to each pixel that takes it.
+    stands = surface.cover[tuple(sources.transpose(2, 0, 1))] >= SKY_ALPHA
+    cells = np.argwhere(gap & (inverse > LEAST_INVERSE) & stands)
+    offsets = np.argwhere(np.ones((FACTOR, FACTOR), bool))
+    pixels = (FACTOR * cells[:, None] + offsets).reshape(-1, 2)
+    means, quats, log_scales = lay_splats(camera, pixels, inverse, gap)
+    count = len(pixels)
     return replace(
         like,
-        means=means.astype(np.float32),
-        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-        log_scales=np.tile(sizes[:, None], (1, 3)).astype(np.float32),
+        means=means,
+        quats=quats,
+        log_scales=log_scales,
         opacity_logits=logit(np.full(count, OPACITY, np.float32)),
         sh_dc=dc_from_color(np.clip(color[tuple(pixels.T)], 0, 1)).astype(np.float32),
         sh_rest=np.zeros((count, *like.sh_rest.shape[1:]), np.float32),
