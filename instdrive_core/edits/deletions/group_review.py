@@ -19,6 +19,7 @@ from instdrive_core.edits.holes.standing_height import HIGHEST, hides_too_much, 
 from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings, find_surroundings
 from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
 from instdrive_core.edits.queries.compact_objects import is_compact
+from instdrive_core.edits.queries.loose_pieces import find_loose_pieces
 from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
 from instdrive_core.progress import report
 from instdrive_core.wording import phrase
@@ -202,7 +203,8 @@ def _find_residue(
 ) -> Int64[ndarray, " k"]:
     """Strays of what was deleted; of an instance that is not gone as a whole, not those of the `remainder`.
 
-    Photos have the last word: what they show past the thing stays, what they show only in its silhouette goes.
+    Photos have the last word: what they show past the thing stays, what they show only in its silhouette goes. But
+    small pieces that would hang in the air go, too.
     """
     kept = None if remainder is None else remainder.kept
     strays = find_floaters_around(document, part.instance_id, part.rows, kept)
@@ -213,6 +215,7 @@ def _find_residue(
         scraps = np.isin(ids, np.unique(ids)[sizes <= SCRAP_SHARE * len(part.rows)])
         strays = np.union1d(strays[scraps | ~np.isin(strays, evidence.seen)], shown)
     if remainder is None:
-        return strays
+        stands = measure_standing_height(document, part.rows) > 0
+        return np.union1d(strays, find_loose_pieces(document, part.rows)) if stands else strays
     strays = np.setdiff1d(strays, remainder.kept, assume_unique=True)
     return strays[np.isin(strays, remainder.missed) | is_near_deleted(document, strays, remainder)]
