@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Int64
 from numpy import ndarray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -41,36 +41,54 @@ def find_loose_pieces(document: Document, members: Int64[ndarray, " m"]) -> Int6
     asked = _choose_rows(document, members)
     if len(members) <= NEIGHBOR or not len(asked):
         return np.zeros(0, np.int64)
-    tree = KDTree(means[members])
-    if np.median(tree.query(means[members[:: 1 + len(members) // 2000]], k=[NEIGHBOR + 1])[0]) > DENSE:
+    tree = _build_tree(means[members])
+    if np.median(tree.query(means[members[:: 1 + len(members) // 2000]], k=NEIGHBOR + 1)[0][:, -1]) > DENSE:
         return np.zeros(0, np.int64)
     distances, _ = tree.query(means[asked], distance_upper_bound=REACH)
     near, labels = asked[np.isfinite(distances)], document.scene.instance_ids
     loose = [np.zeros(0, np.int64)]
     for label in np.unique(labels[near]).tolist():
-        close, all_rows = near[labels[near] == label], asked[labels[asked] == label]
-        rest = np.setdiff1d(all_rows, close, assume_unique=True)
-        if len(rest):
+        close = near[labels[near] == label]
+        rest = np.setdiff1d(asked[labels[asked] == label], close, assume_unique=True)
+        if len(close) < np.count_nonzero(labels == label):
             loose.append(close[_hangs_alone(means[close], means[rest], MOST_SHARE * len(members))])
     rows = np.sort(np.concatenate(loose))
     return rows[means[rows, 2] > np.quantile(means[members, 2], 0.02) + CLEAR]
 
 
 def _choose_rows(document: Document, members: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
-    """Rows that stand still where the photos saw them, of instances that are no single objects."""
-    scene, flags = document.scene, document.state.flags
-    single = [instance.id for instance in scene.table if is_compact(instance) and not is_tall(instance)]
-    free = (scene.nodes == 0) & ((flags & (Flag.DELETED | Flag.LOCKED)) == 0) & find_learned(scene)
+    """Rows around that stand still where the photos saw them, of instances that are no single objects."""
+    scene, flags, means = document.scene, document.state.flags, document.scene.gaussians.means
+    if not len(members):
+        return members
+    low, high = means[members].min(axis=0) - REACH - APART, means[members].max(axis=0) + REACH + APART
+    free = ((means >= low) & (means <= high)).all(axis=1) & (scene.nodes == 0) & find_learned(scene)
+    free &= (flags & (Flag.DELETED | Flag.LOCKED)) == 0
     free[members] = False
-    free &= ~np.isin(scene.instance_ids, single) & ~find_away(document.transforms, np.arange(len(scene)))
-    return np.flatnonzero(free)
+    rows = np.flatnonzero(free)
+    single = [instance.id for instance in scene.table if is_compact(instance) and not is_tall(instance)]
+    return rows[~np.isin(scene.instance_ids[rows], single) & ~find_away(document.transforms, rows)]
 
 
 def _hangs_alone(close: ndarray, rest: ndarray, most: float) -> ndarray:
     """Which of the points belong to pieces of at most so many that are far from the rest."""
-    tree = KDTree(close)
+    alone = _is_far(close, rest, APART)
+    inner = close[alone]
+    if not len(inner):
+        return alone
+    tree = _build_tree(inner)
     _, pieces = connected_components(tree.sparse_distance_matrix(tree, LINK), directed=False)
-    far: Float64[ndarray, " k"] = KDTree(rest).query(close)[0]
-    nearest = np.full(pieces.max() + 1, np.inf)
-    np.minimum.at(nearest, pieces, far)
-    return ((nearest > APART) & (np.bincount(pieces) <= most))[pieces]
+    held = np.bincount(pieces, ~_is_far(inner, close[~alone], LINK)) > 0  # what hangs on something that is not alone
+    alone[alone] = (~held & (np.bincount(pieces) <= most))[pieces]
+    return alone
+
+
+def _is_far(points: ndarray, others: ndarray, distance: float) -> ndarray:
+    if not len(others):
+        return np.ones(len(points), bool)
+    return np.isinf(_build_tree(others).query(points, distance_upper_bound=distance)[0])
+
+
+def _build_tree(points: ndarray) -> KDTree:
+    """A tree that is built quickly: few are asked."""
+    return KDTree(points, balanced_tree=False, compact_nodes=False)
