@@ -25,7 +25,7 @@ from instdrive_core.edits.holes.behind.look_picture import (
 from instdrive_core.edits.holes.behind.open_pixels import find_open_pixels
 from instdrive_core.edits.holes.behind.seen_through import PhotoDepths
 from instdrive_core.edits.holes.behind.smooth_values import continue_smoothly
-from instdrive_core.edits.holes.behind.surface_splats import LEAST_INVERSE, lay_splats
+from instdrive_core.edits.holes.behind.surface_splats import LEAST_INVERSE, lay_splats, place_pixels
 from instdrive_core.edits.holes.ground_in_photo import GroundInPhoto, project_ground
 from instdrive_core.edits.holes.inpainting import ExemplarConfig, choose_source_cells
 from instdrive_core.edits.holes.nearest_rows import find_nearest_rows
@@ -158,19 +158,9 @@ def _count_votes(
     """How many photos look through what would stand in pixels at these inverse depths, and how many see it."""
     cells = np.argwhere(part & (inverse > LEAST_INVERSE))
     past, met = np.zeros(part.shape, np.int64), np.zeros(part.shape, np.int64)
-    past[tuple(cells.T)], met[tuple(cells.T)] = depths.count_votes(
-        _place_pixels(camera, cells, 1 / inverse[tuple(cells.T)])
-    )
+    places = place_pixels(camera, cells, 1 / inverse[tuple(cells.T)])
+    past[tuple(cells.T)], met[tuple(cells.T)] = depths.count_votes(places)
     return past, met
-
-
-def _place_pixels(
-    camera: Camera, pixels: Int64[ndarray, "k 2"], depths: Float64[ndarray, " k"]
-) -> Float64[ndarray, "k 3"]:
-    x = (pixels[:, 1] + 0.5 - camera.cx) / camera.fx * depths
-    y = (pixels[:, 0] + 0.5 - camera.cy) / camera.fy * depths
-    pose = camera.world_from_camera
-    return np.stack([x, y, depths], axis=1) @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _find_shapes(camera: Camera, points: Float64[ndarray, "k 3"]) -> Bool[ndarray, "a b"]:

@@ -48,14 +48,7 @@ def lay_splats(
         return told[0] / np.maximum(told[1], 1e-6)
 
     depths = 1 / np.maximum(read(0, 0), LEAST_INVERSE)
-    rays = np.stack(
-        [
-            (pixels[:, 1] + 0.5 - camera.cx) / camera.fx,
-            (pixels[:, 0] + 0.5 - camera.cy) / camera.fy,
-            np.ones(len(pixels)),
-        ],
-        axis=1,
-    )
+    rays = _aim_rays(camera, pixels)
     steps = []
     for axis, focal, (rows, columns) in ((0, camera.fx, (0, 0.5)), (1, camera.fy, (0.5, 0))):
         width = depths / focal
@@ -63,10 +56,24 @@ def lay_splats(
         step = rays * np.clip(change, -STEEPEST * width, STEEPEST * width)[:, None]
         step[:, axis] += width
         steps.append(step)
+    along = np.stack(steps, axis=1) @ camera.world_from_camera[:3, :3].T
+    quats, scales = _span_splats(along, SPREAD * depths / camera.fx)
+    return place_pixels(camera, pixels, depths).astype(np.float32), quats, scales
+
+
+def place_pixels(
+    camera: Camera, pixels: Int64[ndarray, "k 2"], depths: Float64[ndarray, " k"]
+) -> Float64[ndarray, "k 3"]:
+    """Places in the world (metres) that pixels (row and column) show at depths along the viewing axis (metres)."""
     pose = camera.world_from_camera
-    means = (rays * depths[:, None]) @ pose[:3, :3].T + pose[:3, 3]
-    quats, scales = _span_splats(np.stack(steps, axis=1) @ pose[:3, :3].T, SPREAD * depths / camera.fx)
-    return means.astype(np.float32), quats, scales
+    return (_aim_rays(camera, pixels) * depths[:, None]) @ pose[:3, :3].T + pose[:3, 3]
+
+
+def _aim_rays(camera: Camera, pixels: Int64[ndarray, "k 2"]) -> Float64[ndarray, "k 3"]:
+    """Rays through the pixels' centres in the camera's frame, a metre long along the viewing axis."""
+    x = (pixels[:, 1] + 0.5 - camera.cx) / camera.fx
+    y = (pixels[:, 0] + 0.5 - camera.cy) / camera.fy
+    return np.stack([x, y, np.ones(len(pixels))], axis=1)
 
 
 def _span_splats(
