@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from benchmarks.uncovered import Uncovered, draw_photo
+from benchmarks.uncovered import Errors, Uncovered, draw_photo, measure_errors
 from instdrive_core.edits.deletions.deletion_report import DeletionReport, report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
@@ -31,6 +31,23 @@ class Deletion:
     """Report, clean-up and fill."""
     refused: tuple[str, ...]
     """Why edits that the report offers could not be done."""
+
+
+@dataclass
+class Result:
+    """Errors of all things so far."""
+
+    before: list[dict[str, Errors]] = field(default_factory=list)
+    after: list[dict[str, Errors]] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+
+    def add(self, name: str, deletion: Deletion, photos: Sequence[Uncovered]) -> None:
+        """Compare one deletion with photos without the thing."""
+        self.refused += [f"{name}: {why}" for why in deletion.refused]
+        self.seconds.append(deletion.seconds)
+        self.before.append(measure_errors(deletion.gone, photos))
+        self.after.append(measure_errors(deletion.filled, photos))
 
 
 def delete_and_fill(scene: Scene, number: int, moment: float) -> Deletion:

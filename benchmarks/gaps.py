@@ -16,7 +16,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -25,10 +25,10 @@ import tyro
 from jaxtyping import Int32, Int64
 from numpy import ndarray
 
-from benchmarks.deletions import Deletion, delete_and_fill, save_comparison
+from benchmarks.deletions import Deletion, Result, delete_and_fill, save_comparison
 from benchmarks.hole_streets import count_instance_pixels, photograph, spread_views, train_street
 from benchmarks.holes import SEEDS
-from benchmarks.uncovered import LEAST, Errors, Uncovered, measure_errors
+from benchmarks.uncovered import LEAST, Errors, Uncovered, take_median
 from instdrive_core.datasets.synthetic.config import CONFIG_FILE, StreetConfig
 from instdrive_core.datasets.synthetic.units import read_street_config
 from instdrive_core.datasets.synthetic.world.layout import build_street
@@ -64,16 +64,6 @@ class Options:
     """Folder for pictures of each thing: truth, deleted, filled."""
 
 
-@dataclass
-class Result:
-    """Errors of all things so far."""
-
-    before: list[dict[str, Errors]] = field(default_factory=list)
-    after: list[dict[str, Errors]] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
-    refused: list[str] = field(default_factory=list)
-
-
 def main(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
     result = Result()
@@ -89,7 +79,7 @@ def main(options: Options) -> dict[str, object]:
     return {
         **_summarize(result.after),
         **{f"{name}_before": value for name, value in _summarize(result.before).items()},
-        "seconds_per_thing": _take_median(result.seconds, 2),
+        "seconds_per_thing": take_median(result.seconds, 2),
         "things": len(pairs),
         "lost": sum(after < before for before, after in pairs),
         "refused": result.refused,
@@ -168,10 +158,7 @@ def _empty(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def _compare(name: str, deletion: Deletion, photos: list[Uncovered], result: Result) -> None:
-    result.refused += [f"{name}: {why}" for why in deletion.refused]
-    result.seconds.append(deletion.seconds)
-    result.before.append(measure_errors(deletion.gone, photos))
-    result.after.append(measure_errors(deletion.filled, photos))
+    result.add(name, deletion, photos)
     changes = {
         part: f"{result.before[-1][part].psnr:.1f} → {errors.psnr:.1f} dB" for part, errors in result.after[-1].items()
     }
@@ -180,14 +167,10 @@ def _compare(name: str, deletion: Deletion, photos: list[Uncovered], result: Res
 
 def _summarize(things: list[dict[str, Errors]]) -> dict[str, float | None]:
     return {
-        "solid_psnr": _take_median([each["solid"].psnr for each in things if "solid" in each], 2),
-        "solid_blur": _take_median([each["solid"].blur for each in things if "solid" in each], 3),
-        "sky_psnr": _take_median([each["sky"].psnr for each in things if "sky" in each], 2),
+        "solid_psnr": take_median([each["solid"].psnr for each in things if "solid" in each], 2),
+        "solid_blur": take_median([each["solid"].blur for each in things if "solid" in each], 3),
+        "sky_psnr": take_median([each["sky"].psnr for each in things if "sky" in each], 2),
     }
-
-
-def _take_median(values: list[float], digits: int) -> float | None:
-    return round(float(np.median(values)), digits) if values else None
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from benchmarks.deletions import delete_and_fill, save_comparison
+from benchmarks.deletions import Result, delete_and_fill, save_comparison
 from benchmarks.hole_streets import (
     count_instance_pixels,
     find_parked_car,
@@ -31,7 +31,7 @@ from benchmarks.hole_streets import (
     train_street,
 )
 from benchmarks.phantom_cars import add_phantom, hide_phantoms, list_phantom_photos, place_phantoms
-from benchmarks.uncovered import Errors, Uncovered, measure_errors, summarize_errors
+from benchmarks.uncovered import Uncovered, summarize_errors
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.synthetic.config import StreetConfig
@@ -67,16 +67,6 @@ class Options:
     """Photos per car."""
     pictures: Path | None = None
     """Folder for pictures of each car: truth, deleted, filled."""
-
-
-@dataclass
-class Result:
-    """Errors of all cars so far."""
-
-    before: list[dict[str, Errors]] = field(default_factory=list)
-    after: list[dict[str, Errors]] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
-    refused: list[str] = field(default_factory=list)
 
 
 def main(options: Options) -> dict[str, object]:
@@ -141,10 +131,7 @@ def _measure_car(
     if not photos:
         return
     deletion = delete_and_fill(scene, number, photos[0].view.time)
-    result.refused += [f"{name}: {why}" for why in deletion.refused]
-    result.seconds.append(deletion.seconds)
-    result.before.append(measure_errors(deletion.gone, photos))
-    result.after.append(measure_errors(deletion.filled, photos))
+    result.add(name, deletion, photos)
     shown = {part: round(errors.psnr, 2) for part, errors in result.after[-1].items()}
     print(name, f"hole {deletion.report.hole_area:.1f} m²", shown, file=sys.stderr, flush=True)
     if pictures is not None:

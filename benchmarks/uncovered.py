@@ -78,12 +78,13 @@ def summarize_errors(cars: Sequence[dict[str, Errors]]) -> dict[str, float | Non
     """Medians over cars, by the names of the JSON line; None where no car has the part."""
     figures: dict[str, float | None] = {}
     for key, part in (("ground_psnr", "ground"), ("wall_psnr", "wall"), ("shadow_psnr", "shadow")):
-        figures[key] = _take_median([car[part].psnr for car in cars if part in car], 2)
-    figures["ground_blur"] = _take_median([car["ground"].blur for car in cars if "ground" in car], 3)
+        figures[key] = take_median([car[part].psnr for car in cars if part in car], 2)
+    figures["ground_blur"] = take_median([car["ground"].blur for car in cars if "ground" in car], 3)
     return figures
 
 
-def _take_median(values: list[float], digits: int) -> float | None:
+def take_median(values: list[float], digits: int) -> float | None:
+    """The rounded median; None of nothing."""
     return round(float(np.median(values)), digits) if values else None
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
 
+from instdrive_core.edits.deletions.loose_pieces import find_loose_pieces
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.bare_ground import find_bare_hole, find_bare_places, look_up_to_walls
 from instdrive_core.edits.holes.behind.wide_things import find_hole_behind
@@ -19,7 +20,6 @@ from instdrive_core.edits.holes.standing_height import HIGHEST, hides_too_much, 
 from instdrive_core.edits.holes.surroundings import StandingObject, Surroundings, find_surroundings
 from instdrive_core.edits.kinds.absorb import find_floaters_around, find_rows_close_to
 from instdrive_core.edits.queries.compact_objects import is_compact
-from instdrive_core.edits.queries.loose_pieces import find_loose_pieces
 from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
 from instdrive_core.progress import report
 from instdrive_core.wording import phrase

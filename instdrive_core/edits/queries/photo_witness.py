@@ -10,13 +10,10 @@ from jaxtyping import Bool, Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.synthetic_rows import find_learned
 from instdrive_core.edits.queries.photo_parts import NEAREST, choose_apart, cut_camera
-from instdrive_core.maths.activations import sigmoid
-from instdrive_core.rasterize.kernels.settings import choose_raster_settings
-from instdrive_core.rasterize.preview import render_preview
+from instdrive_core.edits.queries.photographed import draw_photographed, read_depths, restore_drives
 from instdrive_core.scene.camera import Camera, CameraView
-from instdrive_core.scene.scene import Scene, place_in_world
+from instdrive_core.scene.scene import Scene
 
 MOST_LOOKS = 8
 """Photos that are asked: those that show most of the thing."""
@@ -28,8 +25,6 @@ _NEAR = 0.15
 """Metres along the viewing axis within which a place lies on what is seen there."""
 _ASLANT, _MOST_SLACK = 2.0, 0.4
 """Pixels over which the depth of what lies aslant is uncertain, and metres by which it is at most."""
-_COVER = 0.5
-"""Share of a pixel's light from which something is seen there."""
 
 _Test = Callable[[Float64[ndarray, " k"], Float32[ndarray, " k"], Bool[ndarray, " k"]], Bool[ndarray, " k"]]
 """Which places count, by metres behind what is seen there, by how aslant that is, and by whether it is the thing."""
@@ -84,23 +79,15 @@ def ask_photos(document: Document, number: int, rows: Int64[ndarray, " k"]) -> P
     scene = document.scene
     node = scene.table[number].node
     points = scene.gaussians.means[rows].astype(np.float64)
-    tracks = tuple(document.get_first_track(place + 1) for place in range(len(scene.actors)))
-    photographed = replace(scene, actors=tracks)
-    trained = find_learned(scene)
+    photographed = restore_drives(document)
     own = scene.instance_ids == number
     looks = []
     for view, camera in _choose_views(photographed, points, node):
-        poses, present = photographed.find_node_poses(view.time, view.camera.lag)
-        gaussians = scene.gaussians
-        means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
-        opacities = np.where(trained & present[scene.nodes], sigmoid(gaussians.opacity_logits), np.float32(0))
-        nothing = np.zeros((len(scene), 3), np.float32)
-        shapes, settings = (means, quats, gaussians.log_scales, opacities), choose_raster_settings(scene)
-        shown = render_preview(*shapes, nothing, camera, settings, instances=scene.instance_ids)
-        depth = np.where(shown.alpha >= _COVER, shown.depth, np.float32(np.inf))
+        poses, _ = photographed.find_node_poses(view.time, view.camera.lag)
+        shown = draw_photographed(photographed, scene.gaussians, view, camera)
         is_thing = (shown.winner >= 0) & own[np.maximum(shown.winner, 0)]
         posed = replace(camera, world_from_camera=np.linalg.inv(poses[node]) @ camera.world_from_camera)
-        looks.append(_Look(posed, depth, _measure_slack(shown.depth), is_thing))
+        looks.append(_Look(posed, read_depths(shown), _measure_slack(shown.depth), is_thing))
     return PhotoWitness(tuple(looks))
 
 

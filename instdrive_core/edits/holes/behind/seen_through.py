@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.synthetic_rows import find_learned
 from instdrive_core.edits.queries.photo_parts import NEAREST
-from instdrive_core.maths.activations import sigmoid
-from instdrive_core.rasterize.kernels.settings import choose_raster_settings
-from instdrive_core.rasterize.preview import render_preview
+from instdrive_core.edits.queries.photographed import draw_photographed, read_depths, restore_drives
 from instdrive_core.scene.camera import Camera, CameraView
-from instdrive_core.scene.scene import place_in_world
+from instdrive_core.scene.transforms import copy_shapes_at_home
 
 MOST_PHOTOS = 16
 """Photos that are asked about one look's gap: spread over the steps of those that show its places."""
@@ -26,18 +21,14 @@ LEAST_SHARE = 0.1
 SLACK, SLACK_SHARE = 0.5, 0.1
 """Metres along the viewing axis by which a place may lie before what is seen there and be the same, and the share of
 its distance that is added: what is continued is not known better."""
-COVER = 0.5
-"""Share of a pixel's light from which something is seen there."""
 
 
 class PhotoDepths:
     """How far the photos of a document saw, as they were taken: nothing moved, deleted or added."""
 
     def __init__(self, document: Document) -> None:
-        scene = document.scene
-        tracks = tuple(document.get_first_track(place + 1) for place in range(len(scene.actors)))
-        self._scene, self._trained = replace(scene, actors=tracks), find_learned(scene)
-        self._opacities = sigmoid(scene.gaussians.opacity_logits)
+        self._scene = restore_drives(document)
+        self._shapes = copy_shapes_at_home(document.scene.gaussians, document.transforms)
         self._known: dict[tuple[str, int], tuple[Camera, Float32[ndarray, "h w"]]] = {}
 
     def count_votes(self, points: Float64[ndarray, "n 3"]) -> tuple[Int64[ndarray, " n"], Int64[ndarray, " n"]]:
@@ -73,14 +64,7 @@ class PhotoDepths:
     def _look(self, view: CameraView) -> tuple[Camera, Float32[ndarray, "h w"]]:
         key = (view.name, view.index)
         if key not in self._known:
-            scene, size = self._scene, view.camera.width * view.camera.height
+            size = view.camera.width * view.camera.height
             camera = view.camera.scale(min(1.0, float(np.sqrt(MOST_PIXELS / size))))
-            poses, present = scene.find_node_poses(view.time, camera.lag)
-            gaussians = scene.gaussians
-            means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
-            opacities = np.where(self._trained & present[scene.nodes], self._opacities, np.float32(0))
-            nothing = np.zeros((len(scene), 3), np.float32)
-            shapes, settings = (means, quats, gaussians.log_scales, opacities), choose_raster_settings(scene)
-            shown = render_preview(*shapes, nothing, camera, settings)
-            self._known[key] = camera, np.where(shown.alpha >= COVER, shown.depth, np.float32(np.inf))
+            self._known[key] = camera, read_depths(draw_photographed(self._scene, self._shapes, view, camera))
         return self._known[key]

@@ -7,6 +7,7 @@ from parked_street import CAR, parked_street
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.behind.seen_through import PhotoDepths
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.turn_scene import TurnScene
 
 
 @pytest.fixture
@@ -40,3 +41,11 @@ def test_a_deleted_car_still_hid_what_is_behind_it(document):
 def test_no_places_have_no_votes(document):
     past, met = PhotoDepths(document).count_votes(np.zeros((0, 3)))
     assert len(past) == len(met) == 0
+
+
+def test_a_scene_that_was_turned_tells_the_same(document):
+    points = np.array([[3.0, -5.0, 1.5], [6.0, -5.0, 1.0]])
+    before = PhotoDepths(document).count_votes(points)
+    turn = TurnScene((0.9, 0.1, 0.2, 0.3), 1.0)
+    document.apply(turn)
+    np.testing.assert_array_equal(PhotoDepths(document).count_votes(points @ turn.linear.T), before)

@@ -1,13 +1,16 @@
 """What hung in a deleted tree does not stay in the air."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from parked_street import PAVEMENT, WALL, scene_of
 
 from instdrive_core.edits.deletions.deletion_report import report_deletion
+from instdrive_core.edits.deletions.loose_pieces import find_loose_pieces
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.queries.loose_pieces import find_loose_pieces
+from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.scene.selection import Flag
 
 TREE = 9
@@ -52,6 +55,18 @@ def test_twigs_with_the_label_of_the_wall_go_with_the_tree():
 )
 def test_what_is_no_scrap_of_the_tree_stays(twigs, at):
     assert not len(find(tree_street(twigs, at)[0]))
+
+
+def test_twigs_are_found_in_a_scene_that_was_turned_and_scaled():
+    document, twigs = tree_street(at=(1.5, 0.0, 4.0))
+    scene = document.scene
+    lying, gaussians = scene.gaussians.means[:, [0, 2, 1]] * 100, scene.gaussians
+    gaussians = replace(
+        gaussians, means=lying * np.float32([1, -1, 1]), log_scales=gaussians.log_scales + np.float32(np.log(100))
+    )
+    document = Document(replace(scene, gaussians=gaussians))
+    document.apply(TurnScene.make_upright((0.0, -1.0, 0.0), 0.01))
+    np.testing.assert_array_equal(find(document), twigs)
 
 
 def test_locked_twigs_stay():

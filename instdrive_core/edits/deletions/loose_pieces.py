@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float32, Int64
 from numpy import ndarray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -12,7 +12,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.synthetic_rows import find_learned
 from instdrive_core.edits.queries.compact_objects import is_compact, is_tall
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import find_away
+from instdrive_core.scene.transforms import compute_current_means, find_away
 
 REACH = 0.5
 """Metres from what is deleted within which all of a piece lies."""
@@ -36,9 +36,9 @@ def find_loose_pieces(document: Document, members: Int64[ndarray, " m"]) -> Int6
     not the house's; that they hang in the air metres from it does. Pieces of cars and other single objects stay, and so
     does what is locked, moved by hand or lies on the ground.
     """
-    means = document.scene.gaussians.means
+    means = compute_current_means(document.scene.gaussians, document.transforms)
     members = members[document.scene.nodes[members] == 0]
-    asked = _choose_rows(document, members)
+    asked = _choose_rows(document, members, means)
     if len(members) <= NEIGHBOR or not len(asked):
         return np.zeros(0, np.int64)
     tree = _build_tree(means[members])
@@ -56,9 +56,11 @@ def find_loose_pieces(document: Document, members: Int64[ndarray, " m"]) -> Int6
     return rows[means[rows, 2] > np.quantile(means[members, 2], 0.02) + CLEAR]
 
 
-def _choose_rows(document: Document, members: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
+def _choose_rows(
+    document: Document, members: Int64[ndarray, " m"], means: Float32[ndarray, "n 3"]
+) -> Int64[ndarray, " k"]:
     """Rows around that stand still where the photos saw them, of instances that are no single objects."""
-    scene, flags, means = document.scene, document.state.flags, document.scene.gaussians.means
+    scene, flags = document.scene, document.state.flags
     if not len(members):
         return members
     low, high = means[members].min(axis=0) - REACH - APART, means[members].max(axis=0) + REACH + APART
