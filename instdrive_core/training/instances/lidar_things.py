@@ -42,8 +42,8 @@ def measure_silence(observed: MaskWeights, background: Bool[ndarray, " n"]) -> f
     if observed.unmasked is None:
         return 0.0
     silent = float(observed.unmasked[background].sum(dtype=np.float64))
-    spoken = float(observed.sum_weights()[background].sum(dtype=np.float64)) / observed.layers
-    return min(1.0, silent / max(spoken, 1e-6))
+    shown = float(observed.sum_shown()[background].sum(dtype=np.float64))
+    return min(1.0, silent / max(shown - silent, 1e-6))
 
 
 def add_lidar_masks(observed: MaskWeights, things: Int64[ndarray, " n"], share: float) -> MaskWeights:

@@ -18,7 +18,11 @@ from instdrive_core.training.settings.config import GraphConfig
 
 
 def vote_groups(
-    observed: MaskWeights, groups: Int64[ndarray, " n"], fixed: Bool[ndarray, " n"], config: GraphConfig
+    observed: MaskWeights,
+    groups: Int64[ndarray, " n"],
+    fixed: Bool[ndarray, " n"],
+    config: GraphConfig,
+    majority: float = 0.0,
 ) -> Int64[ndarray, " n"]:
     """Let masks and rows vote in turn; returns the group 0 … k - 1 of each row.
 
@@ -29,17 +33,19 @@ def vote_groups(
         groups: to start from, 0 … g - 1; rows of -1 take no part and stay -1.
         fixed: rows that keep their group (moving objects, whose tracks say what belongs to them).
         config: number of rounds, and how well a group must fit masks to stay.
+        majority: share of its weight in masks that a row needs in those of another group to leave its own; with 0 it
+            takes the one that has most.
     """
     voters = groups >= 0
     areas, stay = sum_mask_areas(observed, voters), fixed | ~voters
-    groups = _alternate_votes(observed, groups, stay, areas, int(np.count_nonzero(voters)), config)
+    groups = _alternate_votes(observed, groups, stay, areas, majority, config)
     fits = measure_group_fits(observed, groups, areas)
     kept = fits >= config.min_fit
     kept[groups[fixed & voters]] = True
     if kept.any() and not kept.all():
         names = np.where(kept, np.cumsum(kept) - 1, -1)
         groups = np.where(voters, names[groups], -1)
-        groups = _alternate_votes(observed, groups, stay, areas, int(np.count_nonzero(voters)), config)
+        groups = _alternate_votes(observed, groups, stay, areas, majority, config)
     return np.unique(groups, return_inverse=True)[1].astype(np.int64) - (1 if (groups < 0).any() else 0)
 
 
@@ -92,14 +98,14 @@ def _alternate_votes(
     groups: Int64[ndarray, " n"],
     stay: Bool[ndarray, " n"],
     areas: Float32[ndarray, " m"],
-    voters: int,
+    majority: float,
     config: GraphConfig,
 ) -> Int64[ndarray, " n"]:
-    matrix = observed.weights
+    matrix, voters = observed.weights, np.count_nonzero(~stay)
     for _ in range(config.vote_rounds):
         owners = find_mask_owners(observed, groups, areas)
         voted = groups.copy()
-        _vote(matrix.indptr.astype(np.int64), matrix.indices, matrix.data, owners, stay, voted)
+        _vote(matrix.indptr.astype(np.int64), matrix.indices, matrix.data, owners, stay, majority, voted)
         changed = np.count_nonzero(voted != groups)
         groups = voted
         if changed <= config.vote_tolerance * voters:
@@ -152,12 +158,13 @@ def _fit(starts, masks, values, view_of_mask, areas, fits):
 
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
-def _vote(starts, masks, values, owners, fixed, voted):
-    """Each row takes the group whose masks hold most of its weight (ties: the one met first, in the earliest mask)."""
+def _vote(starts, masks, values, owners, fixed, majority, voted):
+    """Each row takes the group whose masks hold most of its weight (ties: the one met first, in the earliest mask); one
+    that has a group leaves it for a majority only."""
     for row in numba.prange(len(starts) - 1):
         if fixed[row]:
             continue
-        count = starts[row + 1] - starts[row]
+        count, total = starts[row + 1] - starts[row], values[starts[row] : starts[row + 1]].sum()
         candidates, ballots, found = np.empty(count, np.int64), np.zeros(count, np.float32), 0
         for entry in range(starts[row], starts[row + 1]):
             owner = owners[masks[entry]]
@@ -171,4 +178,6 @@ def _vote(starts, masks, values, owners, fixed, voted):
                 found += 1
             ballots[place] += values[entry]
         if found:
-            voted[row] = candidates[np.argmax(ballots[:found])]
+            best = np.argmax(ballots[:found])
+            if voted[row] < 0 or ballots[best] >= majority * total:
+                voted[row] = candidates[best]

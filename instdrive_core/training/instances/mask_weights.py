@@ -34,37 +34,40 @@ class MaskWeights:
     """Summed blending weights, in pixels of the grid."""
 
     weights: csr_array
-    """(n, m) float32: Gaussian × mask; the masks of a row rise."""
+    """(n, m) float32: Gaussian × mask; the masks of a row rise. Those of a photo that shows most of a Gaussian in no
+    mask count little: a mask beside it, frayed at its border, would speak for it else."""
     view_of_mask: Int32[ndarray, " m"]
     """Number of the label map that each mask lies in: number of the view times `layers`, plus the layer; rising."""
     layers: int = 1
     """Label maps of each view. Masks of one label map do not overlap."""
     unmasked: Float32[ndarray, " n"] | None = None
     """Weight of each Gaussian in pixels that no mask covers, sky and ego vehicle left out."""
+    shown: Float32[ndarray, " n"] | None = None
+    """Weight of each Gaussian in all pixels, whether in masks or in none. None: what lies in masks is all."""
 
     def __len__(self) -> int:
         return len(self.weights.indptr) - 1
 
     def select_rows(self, rows: Integer[ndarray, " v"]) -> MaskWeights:
         """Select the given Gaussians."""
-        unmasked = None if self.unmasked is None else self.unmasked[rows]
-        return MaskWeights(self.weights[rows], self.view_of_mask, self.layers, unmasked)
+        unmasked, shown = (None if part is None else part[rows] for part in (self.unmasked, self.shown))
+        return MaskWeights(self.weights[rows], self.view_of_mask, self.layers, unmasked, shown)
 
     def silence(self, rows: Bool[ndarray, " n"]) -> MaskWeights:
         """Give some Gaussians no weight, so that no mask is named after what they show."""
         data = np.where(np.repeat(rows, np.diff(self.weights.indptr)), np.float32(0), self.weights.data)
         matrix = csr_array((data, self.weights.indices, self.weights.indptr), self.weights.shape)
-        unmasked = None if self.unmasked is None else np.where(rows, np.float32(0), self.unmasked)
-        return MaskWeights(matrix, self.view_of_mask, self.layers, unmasked)
+        parts = (self.unmasked, self.shown)
+        unmasked, shown = (None if part is None else np.where(rows, np.float32(0), part) for part in parts)
+        return MaskWeights(matrix, self.view_of_mask, self.layers, unmasked, shown)
 
     def sum_weights(self) -> Float32[ndarray, " n"]:
         """Sum the weight of each Gaussian over all masks."""
         return np.asarray(self.weights.sum(axis=1), np.float32).ravel()
 
     def sum_shown(self) -> Float32[ndarray, " n"]:
-        """Sum each Gaussian's blending weight in all photos, whether in masks (of one layer) or in none."""
-        masked = self.sum_weights() / self.layers
-        return masked if self.unmasked is None else masked + self.unmasked
+        """Sum each Gaussian's blending weight in all photos, whether in masks or in none."""
+        return self.sum_weights() / self.layers if self.shown is None else self.shown
 
     def compute_unmasked_shares(self) -> Float32[ndarray, " n"]:
         """Compute the share of each Gaussian's weight that no mask covers; 0 where it was not seen."""
@@ -81,22 +84,22 @@ def measure_mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) 
     The model is on the CPU. The same input gives the same bits, whatever the number of threads.
     """
     with WeightSpool(len(model)) as spool:
-        view_of_mask, layers, unmasked = _look_at_views(model, store, min_alpha, spool)
+        view_of_mask, layers, unmasked, shown = _look_at_views(model, store, min_alpha, spool)
         numbers = np.array(view_of_mask, np.int32)
         numbers = numbers // MAX_LAYERS * layers + numbers % MAX_LAYERS
-        return MaskWeights(spool.build_matrix(len(view_of_mask)), numbers, layers, unmasked)
+        return MaskWeights(spool.build_matrix(len(view_of_mask)), numbers, layers, unmasked, shown)
 
 
 def _look_at_views(
     model: SceneModel, store: ViewStore, min_alpha: float, spool: WeightSpool
-) -> tuple[list[int], int, Float32[ndarray, " n"]]:
+) -> tuple[list[int], int, Float32[ndarray, " n"], Float32[ndarray, " n"]]:
     """Put the weights of all views into `spool`.
 
     Returns the label map of each mask, numbered by view times `MAX_LAYERS` plus layer; the most layers of a view; and
-    the weight of each Gaussian in no mask.
+    the weight of each Gaussian in no mask and in all.
     """
     view_of_mask: list[int] = []
-    unmasked = np.zeros(len(model), np.float32)
+    unmasked, shown = np.zeros(len(model), np.float32), np.zeros(len(model), np.float32)
     layers = 1
     for number in range(len(store)):
         report(number / len(store))
@@ -107,15 +110,19 @@ def _look_at_views(
         layers = max(layers, len(view.layers))
         rows, weights, pixels = look_at_grid(model, view, number, min_alpha)
         labels = [layer.ravel()[pixels] for layer in view.layers]
+        of_view = np.bincount(weights.rows, weights.weights, len(rows))
+        shown[rows] += of_view.astype(np.float32)
         for layer, labels_of_pixels in enumerate(labels):
             local, masks, values, count = _sum_in_masks(weights, labels_of_pixels, len(rows))
+            covered = np.bincount(local, values, len(rows)) / np.maximum(of_view, 1e-9)
+            values *= covered[local].astype(np.float32)
             used, counts = np.unique(rows[local].astype(np.int32), return_counts=True)
             spool.add(ViewWeights(used, counts.astype(np.int32), masks + np.int32(len(view_of_mask)), values))
             view_of_mask += [number * MAX_LAYERS + layer] * count
         bare = weights.select_pixels(~np.any(labels, axis=0))
         unmasked[rows] += np.bincount(bare.rows, bare.weights, len(rows)).astype(np.float32)
     store.release()
-    return view_of_mask, layers, unmasked
+    return view_of_mask, layers, unmasked, shown
 
 
 def look_at_grid(

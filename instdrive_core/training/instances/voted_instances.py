@@ -62,7 +62,7 @@ def vote_instances(
         observed = add_lidar_masks(observed, things, silence)
         seen_by_lidar = lidar.ground, things
     groups = _first_groups(observed, means, model.nodes, config.graph)
-    groups = vote_groups(observed, groups, model.nodes > 0, config.graph)
+    groups = vote_groups(observed, groups, model.nodes > 0, config.graph, config.graph.get_majority(silence))
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
     reaches = find_reaches(groups, means, opacities, model.nodes, model.tracks())
     strays = find_strays(groups, means, model.nodes, reaches)

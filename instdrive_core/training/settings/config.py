@@ -175,6 +175,9 @@ class GraphConfig:
     """Most rounds of naming masks and Gaussians in turn."""
     vote_tolerance: float = 1e-4
     """Share of Gaussians that change, below which voting ends."""
+    majority: float = 0.7
+    """Share of its votes for which a Gaussian leaves the group of its patch, where masks leave out as much as
+    segmenters do (`get_majority`)."""
     min_fit: float = 0.2
     """Groups that fit their masks less (mean of the best IoU per photo) are fragments and are given away."""
     min_silence: float = 0.02
@@ -182,11 +185,23 @@ class GraphConfig:
     photo."""
     lidar_reach: float = 0.3
     """Metres from a LiDAR point within which Gaussians belong to its thing: as far as its points hang together."""
-    max_unmasked: float = 0.8
+    max_unmasked: float = 0.9
     """Gaussians that show more than this share of their weight where no mask is take the ID of similar neighbours; 1 =
     none do."""
     similar_neighbors: int = 16
     """Neighbours among which the most similar one is chosen."""
+
+    def get_majority(self, silence: float) -> float:
+        """Get the share of its votes for which a Gaussian leaves the group of its patch.
+
+        Masks that cover everything err here and there, and what most of them say is right. A segmenter leaves a third
+        of a photo out, the same in each photo: there hardly any mask speaks for a Gaussian but those beside it, and its
+        patch knows better.
+
+        Args:
+            silence: weight in no mask, as a multiple of that in masks; from 0.5 on, `majority` holds in full.
+        """
+        return self.majority * min(1.0, 2 * silence)
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,10 @@ def test_gaussians_of_the_background_take_the_thing_of_the_nearest_point_within_
 
 
 def weigh(weights, unmasked, layers=1, views=None):
-    weights = np.array(weights, np.float32)
+    weights, unmasked = np.array(weights, np.float32), np.array(unmasked, np.float32)
     views = np.arange(weights.shape[1]) * layers if views is None else views
-    return MaskWeights(csr_array(weights), np.array(views, np.int32), layers, np.array(unmasked, np.float32))
+    shown = weights.sum(axis=1) / np.float32(layers) + unmasked
+    return MaskWeights(csr_array(weights), np.array(views, np.int32), layers, unmasked, shown)
 
 
 def test_silence_is_the_weight_in_no_mask_by_that_in_masks():

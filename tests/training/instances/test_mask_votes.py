@@ -38,6 +38,24 @@ def test_a_wrong_gaussian_follows_its_masks():
     np.testing.assert_array_equal(groups, OBJECTS)
 
 
+def test_a_gaussian_leaves_its_group_for_a_clear_majority_only():
+    """Two of three photos take row 5 for the second object; without a majority to reach, that is enough."""
+    apart, joined = [range(6), range(6, 12)], [range(5), range(5, 12)]
+    photos = observed(12, apart, joined, joined)
+    for majority, group in ((0.0, 1), (0.6, 1), (0.7, 0)):
+        assert vote_groups(photos, OBJECTS, NOBODY, CONFIG, majority)[5] == group
+    lost = OBJECTS.copy()
+    lost[5] = 2  # a fragment has no group to stay in
+    assert vote_groups(photos, lost, NOBODY, CONFIG, 0.7)[5] == 1
+
+
+def test_masks_that_leave_nothing_out_are_believed_as_they_are():
+    config = GraphConfig()
+    assert config.get_majority(0.0) == 0
+    assert config.get_majority(0.25) == config.majority / 2
+    assert config.get_majority(0.5) == config.get_majority(1.0) == config.majority
+
+
 def test_fragments_give_themselves_away():
     fragments = np.array([0, 0, 0, 0, 2, 2, 1, 1, 1, 1, 1, 3])
     photos = observed(12, *[[range(6), range(6, 12)]] * 3)
