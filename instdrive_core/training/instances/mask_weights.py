@@ -43,7 +43,7 @@ class MaskWeights:
     unmasked: Float32[ndarray, " n"] | None = None
     """Weight of each Gaussian in pixels that no mask covers, sky and ego vehicle left out."""
     shown: Float32[ndarray, " n"] | None = None
-    """Weight of each Gaussian in all pixels, whether in masks or in none. None: what lies in masks is all."""
+    """Weight of each Gaussian in all pixels, whether in masks or in none; None where `unmasked` is, too."""
 
     def __len__(self) -> int:
         return len(self.weights.indptr) - 1

@@ -38,7 +38,8 @@ def strewn_weights(count: int, views: int, per_view: int, seed: int = 0) -> tupl
     weights = csr_array((values, where), shape=(count, len(view_of_mask)))
     weights.sort_indices()
     unmasked = rng.random(count, np.float32)
-    return means.astype(np.float32), MaskWeights(weights, np.array(view_of_mask, np.int32), 1, unmasked)
+    shown = np.asarray(weights.sum(axis=1), np.float32) + unmasked
+    return means.astype(np.float32), MaskWeights(weights, np.array(view_of_mask, np.int32), 1, unmasked, shown)
 
 
 def learn_groups(means: np.ndarray, observed: MaskWeights, rows: np.ndarray) -> np.ndarray:
