@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float32, Int64
 from numpy import ndarray
 
 from instdrive_core.instances.codebook import decode_codewords
@@ -30,6 +30,7 @@ from instdrive_core.training.instances.mask_votes import compute_vote_shares, vo
 from instdrive_core.training.instances.mask_weights import MaskWeights, measure_mask_weights
 from instdrive_core.training.instances.strays import find_reaches, find_strays, give_strays_away
 from instdrive_core.training.instances.superpoints import find_neighbor_pairs, join_superpoints
+from instdrive_core.training.instances.upper_pieces import join_upper_pieces
 from instdrive_core.training.settings.config import GraphConfig, TrainConfig
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -73,6 +74,7 @@ def vote_instances(
     groups = fill_from_nearest(groups, means, model.nodes)
     if seen_by_lidar is not None:
         groups = mend_ground(groups, shown, model, *seen_by_lidar)
+        groups = join_upper_pieces(groups, shown, model.nodes, means, _compute_normals(model), seen_by_lidar[0])
     shares = compute_vote_shares(observed, groups)
     groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, shares, shown)
     _, groups = np.unique(groups, return_inverse=True)
@@ -87,12 +89,14 @@ def _refill_unmasked(
 ) -> Int64[ndarray, " n"]:
     """Ask neighbours that look alike where hardly any mask speaks: stray weight of masks nearby would decide else."""
     unknown = (observed.compute_unmasked_shares() > config.max_unmasked) & (model.nodes == 0)
-    parameters = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "sh_dc")}
-    normals = compute_normals(parameters["quats"], parameters["log_scales"])
-    colors = color_from_dc(parameters["sh_dc"])
+    means, colors = (model.parameters[name].detach().numpy() for name in ("means", "sh_dc"))
     return fill_from_similar(
-        groups, unknown, parameters["means"], colors, normals, model.nodes, config.similar_neighbors
+        groups, unknown, means, color_from_dc(colors), _compute_normals(model), model.nodes, config.similar_neighbors
     )
+
+
+def _compute_normals(model: SceneModel) -> Float32[ndarray, "n 3"]:
+    return compute_normals(*(model.parameters[name].detach().numpy() for name in ("quats", "log_scales")))
 
 
 def _first_groups(observed: MaskWeights, means: ndarray, nodes: ndarray, config: GraphConfig) -> Int64[ndarray, " n"]:
