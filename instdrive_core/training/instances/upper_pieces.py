@@ -22,7 +22,7 @@ STRAYS = 0.05
 STEEP = 0.35
 """Largest upward part of the normals of walls."""
 WALL_SHARE = 0.3
-"""Least share of a group's light on steep Gaussians: walls blur along their edges, roofs and pavements have none."""
+"""Least share of a carrier's light on steep Gaussians: walls blur along their edges, roofs and pavements have none."""
 SQUARE = 0.3
 """Least length of the mean of exp(4i·bearing) over a piece's steep normals: 1 where walls meet at right angles, 0 where
 a crown faces everywhere."""
@@ -63,9 +63,25 @@ def join_upper_pieces(
         return groups
     _, below = KDTree(ground[:, :2]).query(means[told, :2], workers=numba.get_num_threads())
     places = np.column_stack([means[told, :2], means[told, 2] - ground[below, 2]]).astype(np.float64)
-    light, named = shown[told].astype(np.float64), groups[told]
-    steep = np.abs(normals[told, 2]) < STEEP
-    count = int(groups.max()) + 1
+    told_normals, light = normals[told].astype(np.float64), shown[told].astype(np.float64)
+    joined, count = groups, int(groups.max()) + 1
+    while True:
+        names = _name_carriers(joined[told], places, told_normals, light, count)
+        following = np.where(groups >= 0, names[joined], -1)
+        if np.array_equal(following, joined):
+            return joined
+        joined = following
+
+
+def _name_carriers(
+    named: Int64[ndarray, " m"],
+    places: Float64[ndarray, "m 3"],
+    normals: Float64[ndarray, "m 3"],
+    light: Float64[ndarray, " m"],
+    count: int,
+) -> Int64[ndarray, " g"]:
+    """Give each group its carrier, or itself; what a house has got carries in the next round."""
+    steep = np.abs(normals[:, 2]) < STEEP
     walls = np.bincount(named[steep], light[steep], count) >= WALL_SHARE * np.bincount(named, light, count)
     feet, tops = _measure_feet_and_tops(places[:, 2], light, named, count)
     hangs = feet > STANDING
@@ -73,15 +89,15 @@ def join_upper_pieces(
     names = np.arange(count)
     if len(carriers):
         tree = KDTree(places[carriers, :2])
-        for piece, rows in split_by_group(named, np.flatnonzero(steep & (walls & hangs)[named])):
-            if _faces_squarely(normals[told[rows]], light[rows]) and _measure_width(places[rows, :2]) >= WIDE:
+        for piece, rows in split_by_group(named, np.flatnonzero(steep & hangs[named])):
+            if _faces_squarely(normals[rows], light[rows]) and _measure_width(places[rows, :2]) >= WIDE:
                 names[piece] = _find_carrier(
                     piece, places[rows], light[rows], tree, places[carriers, 2], named[carriers]
                 )
-    return np.where(groups >= 0, names[groups], -1)
+    return names
 
 
-def _faces_squarely(normals: Float32[ndarray, "k 3"], light: Float64[ndarray, " k"]) -> bool:
+def _faces_squarely(normals: Float64[ndarray, "k 3"], light: Float64[ndarray, " k"]) -> bool:
     bearings = np.arctan2(normals[:, 1], normals[:, 0])
     return bool(np.abs(np.average(np.exp(4j * bearings), weights=light)) >= SQUARE)
 

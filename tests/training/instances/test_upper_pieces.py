@@ -40,6 +40,10 @@ def test_an_upper_storey_goes_to_the_house_beneath(slope):
     assert join([lower, upper, following], slope=slope) == [LOWER, LOWER, NEXT]
 
 
+def test_a_gable_above_an_upper_storey_goes_to_the_same_house():
+    assert join([build_wall(0, 8, 0, 3), build_wall(0, 8, 3, 7), build_wall(1, 7, 7, 9)]) == [LOWER, LOWER, LOWER]
+
+
 def test_a_piece_above_two_houses_stays_by_itself():
     parts = [build_wall(0, 8, 0, 3), build_wall(0, 16, 3, 7), build_wall(8, 16, 0, 3)]
     assert join(parts) == [LOWER, UPPER, NEXT]
