@@ -45,7 +45,7 @@ def join_upper_pieces(
     shown: Float32[ndarray, " n"],
     nodes: UInt16[ndarray, " n"],
     means: Float32[ndarray, "n 3"],
-    normals: Float32[ndarray, "n 3"],
+    normals: Float64[ndarray, "n 3"],
     ground: Float32[ndarray, "p 3"],
 ) -> Int64[ndarray, " n"]:
     """Give pieces of walls that hang above the ground to the one group that carries them.
@@ -63,7 +63,7 @@ def join_upper_pieces(
         return groups
     _, below = KDTree(ground[:, :2]).query(means[told, :2], workers=numba.get_num_threads())
     places = np.column_stack([means[told, :2], means[told, 2] - ground[below, 2]]).astype(np.float64)
-    told_normals, light = normals[told].astype(np.float64), shown[told].astype(np.float64)
+    told_normals, light = normals[told], shown[told].astype(np.float64)
     joined, count = groups, int(groups.max()) + 1
     while True:
         names = _name_carriers(joined[told], places, told_normals, light, count)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.instances.codebook import decode_codewords
@@ -95,7 +95,7 @@ def _refill_unmasked(
     )
 
 
-def _compute_normals(model: SceneModel) -> Float32[ndarray, "n 3"]:
+def _compute_normals(model: SceneModel) -> Float64[ndarray, "n 3"]:
     return compute_normals(*(model.parameters[name].detach().numpy() for name in ("quats", "log_scales")))
 
 

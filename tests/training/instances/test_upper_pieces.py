@@ -28,7 +28,7 @@ def join(parts, steep=None, nodes=None, slope=0.0, round_part=None):
     ground = np.column_stack([along.ravel(), across.ravel(), -1.5 - slope * along.ravel()]).astype(np.float32)
     nodes = np.zeros(len(means), np.uint16) if nodes is None else np.array(nodes, np.uint16)[groups]
     shown, means = np.ones(len(means), np.float32), means.astype(np.float32)
-    joined = join_upper_pieces(groups, shown, nodes, means, normals.astype(np.float32), ground)
+    joined = join_upper_pieces(groups, shown, nodes, means, normals, ground)
     names = [np.unique(joined[groups == part]) for part in range(len(parts))]
     assert all(len(name) == 1 for name in names)
     return [int(name[0]) for name in names]
@@ -74,7 +74,7 @@ def test_roofs_carry_nothing_and_movers_have_no_say():
 
 def test_without_anything_nothing_is_joined():
     groups = np.array([0, -1, 1])
-    means, normals = np.array([[0, 0, 0], [0, 0, 3], [0, 0, 6]], np.float32), np.eye(3, dtype=np.float32)
+    means, normals = np.array([[0, 0, 0], [0, 0, 3], [0, 0, 6]], np.float32), np.eye(3)
     nodes, nothing = np.zeros(3, np.uint16), np.zeros((0, 3), np.float32)
     shown = np.ones(3, np.float32)
     assert join_upper_pieces(groups, shown, nodes, means, normals, nothing) is groups
