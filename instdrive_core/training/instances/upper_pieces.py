@@ -53,12 +53,12 @@ def join_upper_pieces(
     Args:
         groups: of each Gaussian; -1 = none.
         shown: how much of the photos each shows; 0 = it has no say.
-        nodes: 0 = it stands still; others have no say.
+        nodes: 0 = it stands still; groups that hold others stay as they are.
         means: metres, in the world; z is up.
         normals: unit vectors of any sign.
         ground: LiDAR points of the ground.
     """
-    told = np.flatnonzero((shown > 0) & (groups >= 0) & (nodes == 0))
+    told = np.flatnonzero((shown > 0) & (groups >= 0) & ~np.isin(groups, groups[nodes > 0]))
     if not len(told) or not len(ground):
         return groups
     _, below = KDTree(ground[:, :2]).query(means[told, :2], workers=numba.get_num_threads())

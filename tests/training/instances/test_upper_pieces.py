@@ -14,22 +14,23 @@ def build_wall(left, right, foot, top, depth=0.0):
     return np.column_stack([across.ravel(), np.full(across.size, depth), up.ravel()])
 
 
-def join(parts, steep=None, nodes=None, slope=0.0, round_part=None):
+def join(parts, steep=None, nodes=None, slope=0.0, round_part=None, owners=None):
     """Groups of the parts after joining; the ground lies at -1.5 m and falls by `slope` along the road."""
     means = np.concatenate(parts)
-    groups = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    numbers = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    groups = numbers if owners is None else np.array(owners)[numbers]
     means[:, 2] -= 1.5 + slope * means[:, 0]
     steep = [True] * len(parts) if steep is None else steep
-    normals = np.where(np.array(steep)[groups][:, None], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    normals = np.where(np.array(steep)[numbers][:, None], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
     if round_part is not None:
-        bearings = np.random.default_rng(0).uniform(0, 2 * np.pi, len(means))[groups == round_part]
-        normals[groups == round_part] = np.column_stack([np.cos(bearings), np.sin(bearings), 0 * bearings])
+        bearings = np.random.default_rng(0).uniform(0, 2 * np.pi, len(means))[numbers == round_part]
+        normals[numbers == round_part] = np.column_stack([np.cos(bearings), np.sin(bearings), 0 * bearings])
     along, across = np.meshgrid(np.arange(-5, 30, 0.5), np.arange(-6, 1, 0.5))
     ground = np.column_stack([along.ravel(), across.ravel(), -1.5 - slope * along.ravel()]).astype(np.float32)
-    nodes = np.zeros(len(means), np.uint16) if nodes is None else np.array(nodes, np.uint16)[groups]
+    nodes = np.zeros(len(means), np.uint16) if nodes is None else np.array(nodes, np.uint16)[numbers]
     shown, means = np.ones(len(means), np.float32), means.astype(np.float32)
     joined = join_upper_pieces(groups, shown, nodes, means, normals, ground)
-    names = [np.unique(joined[groups == part]) for part in range(len(parts))]
+    names = [np.unique(joined[numbers == part]) for part in range(len(parts))]
     assert all(len(name) == 1 for name in names)
     return [int(name[0]) for name in names]
 
@@ -66,10 +67,15 @@ def test_what_hangs_before_a_house_without_touching_it_stays_by_itself():
     assert join([build_wall(0, 8, 0, 2.5), build_wall(0, 8, 5, 7)]) == [0, 1]
 
 
-def test_roofs_carry_nothing_and_movers_have_no_say():
-    parts = [build_wall(0, 8, 0, 3), build_wall(0, 8, 3, 7)]
-    assert join([part.copy() for part in parts], steep=[False, True]) == [0, 1]
-    assert join([part.copy() for part in parts], nodes=[0, 4]) == [0, 1]
+def test_roofs_carry_nothing():
+    assert join([build_wall(0, 8, 0, 3), build_wall(0, 8, 3, 7)], steep=[False, True]) == [0, 1]
+
+
+def test_a_lorry_stays_whole_where_a_part_of_it_hangs_on_a_house():
+    house, hanging, moving = build_wall(0, 8, 0, 2.75), build_wall(0, 8, 3, 4), build_wall(20, 22, 3, 4)
+    assert join([house.copy(), hanging.copy(), moving.copy()], owners=[0, 1, 2]) == [0, 0, 2]
+    assert join([house.copy(), hanging.copy(), moving.copy()], owners=[0, 1, 1]) == [0, 0, 0]
+    assert join([house, hanging, moving], owners=[0, 1, 1], nodes=[0, 0, 4]) == [0, 1, 1]
 
 
 def test_without_anything_nothing_is_joined():
