@@ -14,6 +14,9 @@ TALL = 2.3
 """Metres: higher vehicles are vans, buses and lorries."""
 CAR, VAN = (4.6, 1.88), (6.0, 2.4)
 """Length and width in metres of what was seen in part only."""
+LOW_CAR, FULL_VAN = 1.7, 2.5
+"""Metres in height up to which it is taken to be as long and wide as a car, and from which on as a van: the higher, the
+longer."""
 HOOD, HOOD_HEIGHT, LOWEST = 1.1, 0.9, 5
 """Metres from a car's front to its windscreen, and height of the hood in between; percent of the points that may lie
 lower where others hide it."""
@@ -104,4 +107,5 @@ def classify_box(size: Float64[ndarray, "2"], height: float) -> tuple[str, tuple
         return "Bicycle", TWO_WHEELER
     if height > TALL:
         return ("Bus" if length > 7.5 else "Medium-sized Truck"), VAN
-    return "Car", CAR
+    share = np.clip((height - LOW_CAR) / (FULL_VAN - LOW_CAR), 0, 1)
+    return "Car", (float(CAR[0] + share * (VAN[0] - CAR[0])), float(CAR[1] + share * (VAN[1] - CAR[1])))

@@ -9,6 +9,7 @@ import numpy as np
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.scene.track import Track
+from instdrive_core.tracks.abreast import part_abreast
 from instdrive_core.tracks.candidates import find_candidates
 from instdrive_core.tracks.creepers import find_creepers
 from instdrive_core.tracks.fragments import merge_fragments
@@ -88,4 +89,5 @@ def find_things(
     on_stage("following on")
     again = join_covered([solve_again(thing, clouds, votes) for thing in whole], clouds, votes)
     joined = [thing for thing in merge_fragments(again, clouds, votes) if is_mover(thing, clouds)]
-    return drop_swapped(resolve_overlaps(joined, clouds, votes), clouds)
+    kept = drop_swapped(resolve_overlaps(joined, clouds, votes), clouds)
+    return [part for thing in kept for part in part_abreast(thing, clouds, votes)]

@@ -20,8 +20,8 @@ from instdrive_core.tracks.trajectory import SPACING, Trajectory, even_knots
 
 RIGID, VERY_RIGID = 0.45, 0.2
 """Metres (root mean square) by which parts of one thing may move against each other, and those that hardly do."""
-GAP, WIDE_GAP = 0.7, 2.0
-"""Metres between the points of such parts."""
+GAP, WIDE_GAP, LORRY_GAP = 0.7, 2.0, 6.0
+"""Metres between the points of such parts, of those that hardly move against each other, and of a lorry's two ends."""
 CAR, LORRY, TALL = (5.8, 2.6), (18.0, 3.2), 2.3
 """Length and width in metres up to which parts are one thing, and for things higher than so many metres."""
 TRIM = 0.3
@@ -107,7 +107,11 @@ def _move_alike(
         float(nearest_distances(sample_evenly(by_sweep[k].points, 150), sample_evenly(theirs[k].points, 150)).min())
         for k in shared[:: max(1, len(shared) // 6)]
     ]
-    if float(np.median(gaps)) >= (WIDE_GAP if rigidity < VERY_RIGID else GAP):
+    limit = GAP
+    if rigidity < VERY_RIGID:
+        tops = [np.median([one.high[2] for one in thing.clusters]) for thing in (first, second)]
+        limit = LORRY_GAP if min(tops) > TALL else WIDE_GAP
+    if float(np.median(gaps)) >= limit:
         return False
     return not _are_apart([(by_sweep[k], theirs[k]) for k in shared], clouds)
 

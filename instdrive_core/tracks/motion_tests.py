@@ -22,6 +22,9 @@ by."""
 REVERSED, SUDDEN = 0.7, 2.5
 """Metres per second with which a thing goes there and back if these are two that met, and seconds around a cut that
 tell it: given longer, people do turn round."""
+JUMP, NEAR_LINKS = 0.8, 3
+"""Metres by which a chain goes on beside the place where its last and its next links lead, at a jump from one thing to
+another, and how many of these links are asked."""
 MIN_WAY = 1.0
 """Metres of travel."""
 MIN_STRAIGHTNESS = 0.6
@@ -77,12 +80,13 @@ def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
 
 
 def cut_to_movers(chain: Chain, clouds: list[SweepCloud]) -> list[Chain]:
-    """The chain if it may move, else its parts that may, cut where its motion changes most: in a long drive what is
-    followed turns back or waits. Two that met and were taken for each other are cut in any case."""
+    """The chain if it may move, else its parts that may. It is cut where it jumps to something else, then where its
+    motion changes most: in a long drive what is followed turns back or waits. Two that met and were taken for each
+    other are cut in any case."""
     turn = _find_turn(chain)
     if not turn.reverses and may_move(chain, clouds):
         return [chain]
-    cut = turn.position
+    cut = turn.position if turn.reverses else _find_jump(chain) or turn.position
     if not cut:
         return []
     first = Chain(chain.clusters[:cut], chain.shifts[: cut - 1], chain.velocity)
@@ -115,6 +119,20 @@ def _find_turn(chain: Chain) -> _Turn:
     cut = int(positions[most])
     is_sudden = times[cut + TURN] - times[cut - TURN] < SUDDEN
     return _Turn(cut, bool(is_sudden) and min(forth, back) > REVERSED)
+
+
+def _find_jump(chain: Chain) -> int:
+    """Number of the cluster before which a chain jumps farthest aside; 0 where it never does."""
+    places, times = middles(chain), np.array([one.time for one in chain.clusters])
+    gaps = np.maximum(np.diff(times), 1e-3)
+    velocities = np.diff(places, axis=0) / gaps[:, None]
+    aside = np.zeros(len(gaps))
+    for link in range(len(gaps)):
+        around = (velocities[max(0, link - NEAR_LINKS) : link], velocities[link + 1 : link + 1 + NEAR_LINKS])
+        off = [np.linalg.norm(velocities[link] - np.median(some, axis=0)) for some in around if len(some)]
+        aside[link] = gaps[link] * min(off, default=0.0)
+    farthest = int(aside.argmax()) if len(aside) else 0
+    return farthest + 1 if len(aside) and aside[farthest] > JUMP else 0
 
 
 def moves_with_ego(places: Float64[ndarray, "t 2"], clouds: list[SweepCloud], sweeps: list[int]) -> bool:

@@ -76,7 +76,7 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
     is_strip = is_long and thing.ratio <= MAX_RATIO and (is_proved or (is_steady and extent[2] >= ROWS))
     if extent[2] < FLAT and distance < FLAT_REACH and not is_strip:
         return f"flat {extent[2]:.2f}"
-    if size < STOUT and extent[2] > PERSON_HEIGHTS[1]:
+    if size < STOUT and np.percentile(local[:, 2], 97) > PERSON_HEIGHTS[1]:
         return "pole"
     if size < THIN and seen < 3 * SEEN:
         return "thin"

@@ -118,3 +118,13 @@ def test_what_stands_is_no_mover_however_it_is_cut():
     clouds, _ = drive(False)
     chain = Chain([walker_at((0.0, 20.0), sweep) for sweep in range(30)], [np.zeros(2)] * 29)
     assert cut_to_movers(chain, clouds) == []
+
+
+def test_what_jumped_from_a_post_to_a_walker_is_cut_at_the_jump():
+    clouds, _ = drive(False)
+    way = np.r_[[3.0, 3.05], 0.14 * np.arange(12)]
+    whole = chain_along(way, 0.1)
+    assert not may_move(whole, clouds), "both together go nowhere"
+    (walker,) = cut_to_movers(whole, clouds)
+    assert sweeps_of([walker]) == [[*range(2, 14)]]
+    assert len(walker.shifts) == 11

@@ -10,7 +10,7 @@ from instdrive_core.tracks import interpenetration
 from instdrive_core.tracks.candidates import make_cluster
 from instdrive_core.tracks.extension import extend_in_time
 from instdrive_core.tracks.finder import find_things, vote
-from instdrive_core.tracks.fragments import merge_fragments
+from instdrive_core.tracks.fragments import into_frame, merge_fragments
 from instdrive_core.tracks.interpenetration import join_covered, resolve_overlaps
 from instdrive_core.tracks.motion_tests import MIN_SWEEPS, carry, motion_ratio
 from instdrive_core.tracks.solved_thing import solve_thing
@@ -45,6 +45,33 @@ def test_fragments_are_joined_while_others_begin_in_the_same_sweep(found):
     assert max(thing.point_count for thing in merged) == car.point_count
 
 
+def test_both_ends_of_a_lorry_are_one_and_two_low_things_as_far_apart_are_not():
+    lorry = Body(lambda time: (10.0 + 5.0 * time, 4.0, 0.0), (2.4, 8.0, 3.2))
+    clip = box_clip([*walls(), lorry], 12, ego=lambda time: 4.0 * time)
+    clouds, _ = gather_clouds(clip, clip.sweeps)
+    votes = vote(clouds)
+    (whole,) = find_things(clouds, votes)
+    middle = np.ptp(whole.local_points()[:, 0]) / 2 + whole.local_points()[:, 0].min()
+
+    def merge_ends(top):
+        ends = []
+        for side in (-1, 1):
+            clusters = []
+            for one in whole.clusters:
+                pose = whole.trajectory.poses_at(np.array([one.time]))[0]
+                ahead = into_frame(np.repeat(pose[None], len(one.points), axis=0), one.points[:, :2].astype(float))[
+                    :, 0
+                ]
+                rows = one.rows[(side * (ahead - middle) > 1.6) & (one.points[:, 2] < top)]
+                if len(rows) > 4:
+                    clusters.append(make_cluster(clouds[one.sweep], votes[one.sweep].is_seen_through, rows, one.sweep))
+            ends.append(solve_thing(clusters, clouds, [whole.trajectory]))
+        return merge_fragments(ends, clouds, votes)
+
+    assert len(merge_ends(4.0)) == 1
+    assert len(merge_ends(1.8)) == 2
+
+
 def test_what_nobody_saw_through_moves_if_it_is_met_often_and_fits_well(found):
     clouds, _, things = found
     hidden = [replace(one, seen_through=0.0) for one in things[0].clusters]
@@ -68,6 +95,9 @@ def test_what_is_taller_than_people_and_as_slim_is_the_end_of_a_wall(found):
     assert squeeze(0.4, 3.8) == "pole"
     assert squeeze(0.4, 1.7) != "pole"
     assert squeeze(1.8, 3.8) != "pole"
+    hidden_below = local / np.ptp(local, axis=0) * [0.4, 0.4, 1.7]
+    hidden_below[:, 2] += 2.6 - hidden_below[:, 2].max()
+    assert why_not(_with_points(thing, hidden_below), clouds) == "pole"
 
 
 def test_a_steady_strip_of_several_rows_moves_though_nobody_saw_it_leave_its_places(found):

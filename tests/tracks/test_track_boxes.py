@@ -43,3 +43,13 @@ def test_a_car_that_comes_behind_another_has_a_hood_before_its_windscreen():
     assert fit_box(windscreen, behind).center[0] == pytest.approx(fit_box(whole, behind).center[0])
     long = body(4.4, 1.6, 1.5, 1.05)
     assert fit_box(long, ahead).length == pytest.approx(4.6), "no longer than cars are"
+
+
+def test_the_higher_a_car_the_longer_it_is_taken_to_be():
+    def guess(height):
+        box = fit_box(body(1.0, 1.6, height), VIEWS)
+        return box.length, box.width
+
+    assert guess(1.5) == pytest.approx((4.6, 1.88))
+    assert 4.6 < guess(1.9)[0] < guess(2.2)[0] < 6.0
+    assert guess(2.6) == pytest.approx((6.0, 2.4))
