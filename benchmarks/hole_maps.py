@@ -24,7 +24,7 @@ from scipy import ndimage
 
 from benchmarks.hole_light import MapLight, build_street_grid, choose_known, coarsen, find_map_light, list_cameras
 from benchmarks.hole_streets import GROUND
-from instdrive_core.datasets.synthetic.config import STEP_SECONDS, StreetConfig
+from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.sensors.render import StepRenderer
 from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose
 from instdrive_core.datasets.synthetic.world.ground import CURB_HEIGHT
@@ -129,7 +129,7 @@ def list_hidden_ground(
 ) -> Iterator[tuple[int, HiddenGround]]:
     """Parked cars beside the drive, by number of the actor, and the ground around each; the fill is told the `light`
     of the street."""
-    times = [step * STEP_SECONDS for step in range(0, StreetConfig().steps, every)]
+    times = [step * StreetConfig().step_seconds for step in range(0, StreetConfig().steps, every)]
     drive = np.array([compute_ego_pose(street, time)[:2, 3] for time in times])
     for number, actor in enumerate(street.actors):
         away = np.linalg.norm(drive - street.box_pose(actor, 0)[:2, 3], axis=1)
@@ -148,7 +148,7 @@ def _light(found: HiddenGround, street: MapLight, car: int) -> HiddenGround:
 
 def _look_along(street: Street, every: int) -> MapLight | None:
     """The light on the street around the middle of the drive, from what its photos show."""
-    times = [step * STEP_SECONDS for step in range(0, StreetConfig().steps, every)]
+    times = [step * StreetConfig().step_seconds for step in range(0, StreetConfig().steps, every)]
     middle = times[len(times) // 2]
     grid = build_street_grid(float(compute_ego_pose(street, middle)[1, 3]))
     coarse = coarsen(grid)

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 from instdrive_core.errors import OptionError
 
-STEP_SECONDS = 0.1
 CONFIG_FILE = "labels/street.json"
 """Where a clip keeps the config of its street."""
 FLOWING, JAM = "flowing", "jam"
 """Traffic that a street may have."""
+PANDAR64, HDL64, HDL32, VLP16 = LIDARS = ("pandar64", "hdl64", "hdl32", "vlp16")
+"""Turning LiDARs whose beams a street may be recorded with: PandaSet's, KITTI's, nuScenes', and a smaller one."""
+USUAL_RATE = 10
+"""Time steps a second."""
 MAX_STEPS = 400
-"""Forty seconds: the street is built as long as the drive needs it."""
+"""Forty seconds, as a rule: the street is built as long as the drive needs it."""
 
 
 @dataclass(frozen=True)
@@ -63,17 +66,21 @@ class StreetConfig:
     seed: int = 0
     """Chooses layout, models, colours, traffic and sun."""
     steps: int = 20
-    """Time steps at 10 Hz (1–400)."""
+    """Time steps (1–400)."""
     width: int = 480
     """Width of the photos in pixels; PandaSet's are 1920×1080."""
     height: int = 270
     """Height of the photos in pixels."""
     lidar_azimuths: int = 1000
-    """LiDAR columns per turn; 64 beams each."""
+    """LiDAR columns per turn."""
     traffic: str = FLOWING
     """``flowing``, or ``jam``: three full lanes that stop and go, and no car parked on the right."""
     flaws: RecordingFlaws = RecordingFlaws()
     """How the recording falls short of the standard one."""
+    lidar: str = PANDAR64
+    """One of `LIDARS`."""
+    rate: int = USUAL_RATE
+    """Time steps a second, 1–20: turns of the LiDAR, and photos of each camera."""
 
     def __post_init__(self) -> None:
         limits = {
@@ -82,6 +89,7 @@ class StreetConfig:
             "width": (16, 3840),
             "height": (9, 2160),
             "lidar_azimuths": (16, 4000),
+            "rate": (1, 20),
         }
         for name, (low, high) in limits.items():
             value = getattr(self, name)
@@ -89,3 +97,10 @@ class StreetConfig:
                 raise OptionError(f"{name} is {value}; choose {low} to {high}")
         if self.traffic not in (FLOWING, JAM):
             raise OptionError(f"traffic is {self.traffic!r}; choose '{FLOWING}' or '{JAM}'")
+        if self.lidar not in LIDARS:
+            raise OptionError(f"lidar is {self.lidar!r}; choose one of {', '.join(LIDARS)}")
+
+    @property
+    def step_seconds(self) -> float:
+        """Seconds from one time step to the next."""
+        return 1 / self.rate

@@ -13,7 +13,14 @@ import numpy as np
 from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.config import CONFIG_FILE, FLOWING, STEP_SECONDS, RecordingFlaws, StreetConfig
+from instdrive_core.datasets.synthetic.config import (
+    CONFIG_FILE,
+    FLOWING,
+    PANDAR64,
+    USUAL_RATE,
+    RecordingFlaws,
+    StreetConfig,
+)
 from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.materials import (
@@ -41,6 +48,8 @@ SHADOW_REACH = 150.0
 _LIFT = 0.02
 """Metres by which a shadow's ray starts above the surface."""
 _REMEDY = "Write the synthetic clip again with `instdrive synth`"
+_SINCE = {"traffic": FLOWING, "lidar": PANDAR64, "rate": USUAL_RATE}
+"""What older streets do not say, and are."""
 
 GROUND, HOUSE, VEGETATION, VEHICLE, PERSON, OTHER = range(6)
 """Families of objects that segmenters treat alike."""
@@ -90,7 +99,7 @@ class StreetUnits:
                 f"shutter_seconds is {config.flaws.shutter_seconds:g}: parts are only known of photos taken at once"
             )
             raise DataError(file, problem, "Write the clip without rolling shutter, or use the faults sam-v1")
-        self.street = build_street(config)
+        self.street, self._step_seconds = build_street(config), config.step_seconds
         self.families = np.zeros(len(self.street.fixtures) + len(self.street.actors) + 1, np.int64)
         labels = [fixture.label for fixture in self.street.fixtures] + [actor.label for actor in self.street.actors]
         self.families[1:] = [_FAMILIES.get(label, OTHER) for label in labels]
@@ -102,7 +111,7 @@ class StreetUnits:
         `index` from where the camera truly was."""
         geometry, rays = self._build_step(index)
         rig_camera = next(known for known in CAMERAS if known.name == camera)
-        placed = rig_camera.place(compute_ego_pose(self.street, index * STEP_SECONDS), width, height)
+        placed = rig_camera.place(compute_ego_pose(self.street, index * self._step_seconds), width, height)
         directions = np.ascontiguousarray(placed.compute_ray_directions().reshape(-1, 3), np.float32)
         origin = placed.position.astype(np.float32)
         hits = rays.find_first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
@@ -131,7 +140,7 @@ class StreetUnits:
         from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
 
         if self._step is None or self._step[0] != index:
-            geometry = self.street.geometry(index * STEP_SECONDS)
+            geometry = self.street.geometry(index * self._step_seconds)
             self._step = index, geometry, RayScene(geometry.mesh.corners)
         return self._step[1:]
 
@@ -154,9 +163,9 @@ def read_street_config(file: Path) -> StreetConfig:
     Raises DataError where it is no such config.
     """
     entries = read_json(file)
-    names = [field.name for field in fields(StreetConfig) if field.name != "traffic"]
+    names = [field.name for field in fields(StreetConfig) if field.name not in _SINCE]
     values: dict[str, Any] = {name: require_field(file, entries, name) for name in names}
-    values["traffic"] = entries.get("traffic", FLOWING)  # streets of 0.1.0 do not say
+    values |= {name: entries.get(name, value) for name, value in _SINCE.items()}
     try:
         values["flaws"] = RecordingFlaws(**values["flaws"])
         return StreetConfig(**values)

@@ -20,7 +20,7 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.datasets.pickled_tables import describe_pose
-from instdrive_core.datasets.synthetic.config import CONFIG_FILE, STEP_SECONDS, RecordingFlaws, StreetConfig
+from instdrive_core.datasets.synthetic.config import CONFIG_FILE, RecordingFlaws, StreetConfig
 from instdrive_core.datasets.synthetic.flaws import (
     Annotation,
     Pose,
@@ -41,7 +41,7 @@ from instdrive_core.datasets.synthetic.sensors.render import EXPOSURE, RenderedP
 from instdrive_core.datasets.synthetic.sensors.rolling_shutter import Exposure, photograph_rows
 from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose, compute_lidar_pose
 from instdrive_core.datasets.synthetic.world.layout import build_street
-from instdrive_core.datasets.synthetic.world.rig import CAMERAS, RigCamera
+from instdrive_core.datasets.synthetic.world.rig import CAMERAS, RigCamera, compute_lidar_directions
 from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.errors import DataError
 from instdrive_core.scene.camera import Camera
@@ -68,7 +68,7 @@ def write_street(out: Path, config: StreetConfig, progress: Progress | None = No
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise DataError(out, "is not an empty folder", "Choose another one or delete it")
     street = build_street(config)
-    times = [step * STEP_SECONDS for step in range(config.steps)]
+    times = [step * config.step_seconds for step in range(config.steps)]
     _write_metadata(out, street, config, times)
     recorder = _Recorder(out, street, config, list_annotations(street, config.flaws, config.seed))
     if progress is not None:
@@ -199,7 +199,7 @@ class _Recorder:
         rng = np.random.default_rng([config.seed, step])  # bare, so that a seed's street stays: see `maths.streams`
         sweep = cast_sweep(
             renderer.rays, renderer.geometry, street.materials, street.semantics(), compute_lidar_pose(street, time),
-            config.lidar_azimuths, rng,
+            compute_lidar_directions(config.lidar, config.lidar_azimuths), rng,
         )  # fmt: skip
         write_sweep(self.out, step, sweep, street.world_from_street(), START_TIME + time)
         path = self.out / "labels" / "lidar" / f"{step:02d}.npy"

@@ -21,7 +21,7 @@ from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose
 from instdrive_core.datasets.synthetic.world.ground import STREET_SPAN
 from instdrive_core.datasets.synthetic.world.layout import build_street, compute_street_span
 from instdrive_core.datasets.synthetic.world.rig import CAMERAS
-from instdrive_core.datasets.synthetic.write import STEP_SECONDS, write_street
+from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.errors import OptionError
 from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.scene.camera import Camera
@@ -157,7 +157,7 @@ def test_long_drives_lengthen_the_street_and_nobody_runs_into_anybody() -> None:
     assert compute_street_span(20) == compute_street_span(100) == STREET_SPAN
     steps = 300
     street, span = build_street(StreetConfig(seed=5, steps=steps)), compute_street_span(steps)
-    end = (steps - 1) * STEP_SECONDS
+    end = (steps - 1) * StreetConfig().step_seconds
     assert compute_ego_pose(street, end)[1, 3] > 200
     vehicles = [actor for actor in street.actors if actor.motion is not None]
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0, 0.5) for z in (-0.4, 0.4)])

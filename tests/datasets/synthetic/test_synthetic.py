@@ -13,14 +13,14 @@ from PIL import Image
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.config import PANDAR64, StreetConfig
 from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
 from instdrive_core.datasets.synthetic.sensors.render import compute_subsample_directions
 from instdrive_core.datasets.synthetic.world.ego import compute_ego_pose
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.rig import CAMERAS, EGO_HEIGHT, compute_beam_elevations
 from instdrive_core.datasets.synthetic.world.street import Street
-from instdrive_core.datasets.synthetic.write import STEP_SECONDS, write_street
+from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.maths.rotations import matrix_from_quaternion
@@ -144,7 +144,7 @@ def test_a_seed_gives_the_same_files_and_another_seed_others(tmp_path: Path) -> 
 def test_poses_put_every_camera_where_the_rig_has_it(clip: Path, street: Street) -> None:
     world = street.world_from_street()
     for step in range(CONFIG.steps):
-        ego = world @ compute_ego_pose(street, step * STEP_SECONDS)
+        ego = world @ compute_ego_pose(street, step * CONFIG.step_seconds)
         for rig_camera in CAMERAS:
             expected = rig_camera.place(ego, CONFIG.width, CONFIG.height)
             actual = camera_of(clip, rig_camera.name, step)
@@ -175,7 +175,7 @@ def seen_from(rays: RayScene, camera: Camera, points: np.ndarray) -> np.ndarray:
 
 def test_pixel_labels_agree_with_lidar_labels_where_the_camera_sees_the_points(clip: Path, street: Street) -> None:
     points, labels = sweep_of(clip, 1)
-    rays = RayScene(street.geometry(1 * STEP_SECONDS).mesh.corners)
+    rays = RayScene(street.geometry(1 * CONFIG.step_seconds).mesh.corners)
     street_from_world = np.linalg.inv(street.world_from_street())
     local = points @ street_from_world[:3, :3].T + street_from_world[:3, 3]
     agree, total = 0, 0
@@ -183,7 +183,7 @@ def test_pixel_labels_agree_with_lidar_labels_where_the_camera_sees_the_points(c
         pixels, depth = camera_of(clip, rig_camera.name, 1).project(points)
         column, row = np.floor(pixels).astype(int).T
         inside = (depth > 0.5) & (column >= 0) & (column < CONFIG.width) & (row >= 0) & (row < CONFIG.height)
-        posed = rig_camera.place(compute_ego_pose(street, 1 * STEP_SECONDS), CONFIG.width, CONFIG.height)
+        posed = rig_camera.place(compute_ego_pose(street, 1 * CONFIG.step_seconds), CONFIG.width, CONFIG.height)
         chosen = np.flatnonzero(inside)
         chosen = chosen[seen_from(rays, posed, local[chosen])]
         label_map = np.asarray(Image.open(clip / "labels" / rig_camera.name / "01.png"))
@@ -273,7 +273,7 @@ def test_sweeps_are_noisy_returns_of_64_beams_within_range(clip: Path) -> None:
     ranges = np.linalg.norm(local, axis=1)
     elevations = np.arcsin(local[:, 2] / ranges)
     assert ranges.max() < 120.2
-    assert np.abs(elevations[:, None] - compute_beam_elevations()).min(axis=1).max() < 1e-3
+    assert np.abs(elevations[:, None] - compute_beam_elevations(PANDAR64)).min(axis=1).max() < 1e-3
     assert table["i"].min() >= 0
     assert 20 < table["i"].std() < 100
     assert table["i"].max() <= 255
@@ -300,7 +300,7 @@ def pixels_per_instance(street: Street, times: tuple[float, ...]) -> dict[int, i
 def test_the_standard_clip_shows_enough_instances_and_movers() -> None:
     street = build_street(STANDARD)
     counts = pixels_per_instance(street, (0.0, 0.9, 1.9))
-    instances = {item.id: item for item in street.instances((STANDARD.steps - 1) * STEP_SECONDS)}
+    instances = {item.id: item for item in street.instances((STANDARD.steps - 1) * CONFIG.step_seconds)}
     visible = {key for key, count in counts.items() if count >= 12}
     moving = [instances[key] for key in visible if instances[key].moving]
     assert len(visible) >= 60

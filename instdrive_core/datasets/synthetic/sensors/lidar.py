@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, UInt8, UInt32
+from jaxtyping import Float32, Float64, UInt8, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.synthetic.sensors.raytrace import Rays
 from instdrive_core.datasets.synthetic.world.materials import MaterialTable
-from instdrive_core.datasets.synthetic.world.rig import LIDAR_BLIND_RANGE, LIDAR_RANGE, compute_lidar_directions
+from instdrive_core.datasets.synthetic.world.rig import LIDAR_BLIND_RANGE, LIDAR_RANGE
 from instdrive_core.datasets.synthetic.world.street import StepGeometry
 
 RANGE_NOISE = 0.02
@@ -35,15 +35,16 @@ def cast_sweep(
     materials: MaterialTable,
     semantics: UInt8[ndarray, " ids"],
     street_from_lidar: Float64[ndarray, "4 4"],
-    azimuths: int,
+    beams: Float32[ndarray, "rays 3"],
     rng: np.random.Generator,
 ) -> LidarSweep:
     """One turn of the LiDAR at a pose.
 
     Args:
+        beams: unit directions in the LiDAR's frame.
         semantics: class by instance ID; a material's own class goes before it (paint on the road).
     """
-    directions = compute_lidar_directions(azimuths) @ street_from_lidar[:3, :3].T.astype(np.float32)
+    directions = beams @ street_from_lidar[:3, :3].T.astype(np.float32)
     origin = street_from_lidar[:3, 3]
     hits = rays.find_first_hits(np.broadcast_to(origin.astype(np.float32), directions.shape).copy(), directions)
     seen = (hits.triangles >= 0) & (hits.distances > LIDAR_BLIND_RANGE) & (hits.distances < LIDAR_RANGE)

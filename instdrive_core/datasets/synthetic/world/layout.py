@@ -6,7 +6,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from instdrive_core.datasets.synthetic.config import JAM, STEP_SECONDS, StreetConfig
+from instdrive_core.datasets.synthetic.config import JAM, USUAL_RATE, StreetConfig
 from instdrive_core.datasets.synthetic.world import curbside
 from instdrive_core.datasets.synthetic.world.buildings import build_building
 from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces, Side, face_street
@@ -50,7 +50,8 @@ def build_street(config: StreetConfig) -> Street:
     rng = {name: np.random.default_rng(sequence) for name, sequence in generators.items()}
     palette, places = MaterialPalette(), CurbPlaces()
     crossing = float(np.round(rng["ground"].uniform(31, 38), 2))
-    span, spread = compute_street_span(config.steps), min(1.0, USUAL_STEPS / config.steps)
+    steps = config.steps * USUAL_RATE / config.rate
+    span, spread = compute_street_span(steps), min(1.0, USUAL_STEPS / steps)
     ground = build_ground(crossing, rng["ground"], palette, span)
     fixtures = [
         Fixture(ground.road, "Road", "stuff"),
@@ -87,9 +88,10 @@ def build_street(config: StreetConfig) -> Street:
     )  # fmt: skip
 
 
-def compute_street_span(steps: int) -> tuple[float, float]:
-    """Ends of the street along y: as far again as the fastest traffic comes in the time beyond ten seconds."""
-    extra = FASTEST * max(0, steps - USUAL_STEPS) * STEP_SECONDS
+def compute_street_span(steps: float) -> tuple[float, float]:
+    """Ends of the street along y, for a drive of so many steps at the usual rate: as far again as the fastest traffic
+    comes in the time beyond ten seconds."""
+    extra = FASTEST * max(0, steps - USUAL_STEPS) * (1 / USUAL_RATE)
     return STREET_SPAN[0] - extra, STREET_SPAN[1] + extra
 
 

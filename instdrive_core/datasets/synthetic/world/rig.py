@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 
+from instdrive_core.datasets.synthetic.config import HDL32, HDL64, VLP16
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera
 
@@ -80,19 +81,28 @@ CAMERAS = (
 # fmt: on
 
 
-def compute_beam_elevations() -> Float64[ndarray, "64"]:
-    """Elevations of the 64 beams in radians, as the Pandar64 has them: 1/6° apart near the horizon."""
-    upper = [15.0, 11.0, 8.0, 5.0, 3.0]
-    dense = list(2.0 - np.arange(49) / 6)
-    lower = [-7.0, -8.0, -9.0, -10.0, -11.0, -12.0, -13.0, -14.0, -19.0, -25.0]
-    return np.radians(upper + dense + lower)
+def compute_beam_elevations(lidar: str) -> Float64[ndarray, " beams"]:
+    """Elevations of the beams of one of `LIDARS`, in radians, from its data sheet.
+
+    Pandar64: 1/6° apart near the horizon; HDL-64E: two blocks, 1/3° and 1/2° apart; HDL-32E: 4/3°; VLP-16: 2°.
+    """
+    if lidar == HDL64:
+        degrees = np.r_[np.linspace(2.0, -8.33, 32), np.linspace(-8.83, -24.33, 32)]
+    elif lidar == HDL32:
+        degrees = np.linspace(10.67, -30.67, 32)
+    elif lidar == VLP16:
+        degrees = np.linspace(15.0, -15.0, 16)
+    else:
+        lower = (-7.0, -8.0, -9.0, -10.0, -11.0, -12.0, -13.0, -14.0, -19.0, -25.0)
+        degrees = np.r_[15.0, 11.0, 8.0, 5.0, 3.0, 2.0 - np.arange(49) / 6, lower]
+    return np.radians(degrees)
 
 
-def compute_lidar_directions(azimuths: int) -> Float32[ndarray, "n 3"]:
-    """Unit directions of one turn in the LiDAR's frame (x right, y forward, z up): beam by beam within each azimuth,
-    clockwise from behind."""
+def compute_lidar_directions(lidar: str, azimuths: int) -> Float32[ndarray, "n 3"]:
+    """Unit directions of one turn of one of `LIDARS` in its frame (x right, y forward, z up): beam by beam within each
+    azimuth, clockwise from behind."""
     azimuth = -np.pi + 2 * np.pi * (np.arange(azimuths) + 0.5) / azimuths
-    elevation = compute_beam_elevations()
+    elevation = compute_beam_elevations(lidar)
     horizontal = np.cos(elevation)
     directions = np.empty((azimuths, len(elevation), 3))
     directions[..., 0] = np.sin(azimuth)[:, None] * horizontal
