@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from written_poses import pose_matrix
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
@@ -19,7 +20,6 @@ from instdrive_core.datasets.synthetic.world.rig import compute_beam_elevations
 from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.errors import OptionError
 from instdrive_core.files.restricted_pickle import read_pickle
-from instdrive_core.maths.rotations import matrix_from_quaternion
 
 CONFIG = StreetConfig(seed=3, steps=2, width=64, height=36, lidar_azimuths=200, lidar=HDL32, rate=5)
 
@@ -32,10 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def read_pose(folder: Path, step: int) -> np.ndarray:
-    record, pose = json.loads((folder / "lidar" / "poses.json").read_text())[step], np.eye(4)
-    pose[:3, :3] = matrix_from_quaternion(np.array([record["heading"][axis] for axis in "wxyz"]))
-    pose[:3, 3] = [record["position"][axis] for axis in "xyz"]
-    return pose
+    return pose_matrix(json.loads((folder / "lidar" / "poses.json").read_text())[step])
 
 
 def test_a_sweep_has_the_beams_that_were_asked_for(folder: Path) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from written_poses import pose_matrix
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
@@ -23,7 +24,6 @@ from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.datasets.synthetic.write import write_street
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.restricted_pickle import read_pickle
-from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.track import find_points_inside
 
@@ -46,13 +46,6 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def street() -> Street:
     return build_street(CONFIG)
-
-
-def pose_matrix(record: dict) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3] = matrix_from_quaternion(np.array([record["heading"][axis] for axis in "wxyz"]))
-    pose[:3, 3] = [record["position"][axis] for axis in "xyz"]
-    return pose
 
 
 def camera_of(clip: Path, name: str, step: int) -> Camera:
